@@ -28,6 +28,8 @@ SIGNAL_NAMES = ("SIGINT", "SIGTERM", "SIGHUP", "SIGUSR1", "SIGUSR2", "SIGXCPU", 
 #: Those that the system has.
 SIGNALS = [signal.Signals[name] for name in SIGNAL_NAMES if hasattr(signal, name)]
 _came = False
+#: Time after which `raised_at_once` raises again [s].
+_AGAIN = 1.0
 
 
 class _ThisThread(threading.local):
@@ -86,27 +88,38 @@ def ignore() -> None:
 def raised_at_once() -> Iterator[None]:
     """Raise `Cancelled` in the block as soon as a signal arrives, not only at the next `check`.
 
-    This is for work that writes nothing valuable, or that waits for others. In a callback of a
-    library, which swallows the exception, it is raised a moment later.
+    This is for work that writes nothing valuable, or that waits for others. It is raised again
+    until the block ends: a callback of a library may swallow it, and it may come before the library
+    can release a lock, for which the library waits when it closes its files.
     """
-    is_main = threading.current_thread() is threading.main_thread()
+    main, over = threading.main_thread(), threading.Event()
+    is_main = threading.current_thread() is main
     noted = [number for number in SIGNALS if is_main and signal.getsignal(number) is _set]
     report = sys.unraisablehook
 
+    def interrupt(number: int, _: object) -> None:
+        _set()
+        _thread.start_new_thread(repeat, (number,))  # without the locks of `threading`
+        check()
+
+    def repeat(number: int) -> None:
+        if not over.wait(_AGAIN):  # only a true signal ends the wait for a lock
+            kill = getattr(signal, "pthread_kill", lambda _, again: _thread.interrupt_main(again))
+            kill(main.ident, number)
+
     def swallowed(about: Any) -> None:
-        if about.exc_type is Cancelled:
-            threading.Timer(0.01, _thread.interrupt_main, noted[:1]).start()
-        else:
+        if about.exc_type is not Cancelled:
             report(about)
 
     try:
         sys.unraisablehook = swallowed
         for number in noted:
-            signal.signal(number, _raise)
+            signal.signal(number, interrupt)
         check()
         yield
         check()
     finally:
+        over.set()
         for number in noted:
             signal.signal(number, _set)
         sys.unraisablehook = report
@@ -139,8 +152,3 @@ def raised_by_check() -> Iterator[None]:
 def _set(*_: object) -> None:
     global _came
     _came = True
-
-
-def _raise(*_: object) -> Any:
-    _set()
-    check()

@@ -65,10 +65,12 @@ def _exit_code() -> int:
     except (interrupts.Cancelled, Exception) as error:
         from sweeps.errors import Failed, Refused
 
+        came = interrupts.signal_came() and not isinstance(error, Failed)
+        if came or isinstance(error, interrupts.Cancelled):
+            _report("interrupted")  # a library may have raised another error because of it
+            return 1
         if isinstance(error, Failed | Refused):
             _report(str(error))
-        elif isinstance(error, interrupts.Cancelled) or interrupts.signal_came():
-            _report("interrupted")  # a library may have raised another error because of it
         elif isinstance(error, ImportError) and error.name == "vibroimpact":
             print(f"vibroimpact: error: {error}", file=sys.stderr)  # in a ZIP, without `printable`
         elif isinstance(error, MemoryError):

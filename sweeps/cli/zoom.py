@@ -82,7 +82,7 @@ def zoom_command(
             common.say(run.planned_text(config, path, threads, client, resume))
             return
         run.run_and_report(config, path, quiet, threads=threads, client=client, **existing)
-    with common.opened_in_si(path, verify=False) as sweep, raised_at_once():
+    with raised_at_once(), common.opened_in_si(path, verify=False) as sweep:
         options: dict[str, Any] = {"coordinate": coordinate, "exact": {} if exact else None}
         plot.draw_picture(sweep, figure, None, {}, page, quiet=quiet, **options)
 

@@ -7,7 +7,7 @@ worth, in processor time, with AVX-512:
 - called functions are internal: exact impacts 8 % faster, chatter 13 %;
 - functions are linked once, and passes that change nothing here are left out: a tenth less again;
 - a function is compiled once, and not again for each constant among its arguments: an eighth less;
-- the types that an operator takes are found once, and passes are not timed: a tenth less;
+- the types that an operator takes are found once: a tenth less;
 - code is read from disk without all that numba can compile (``overloads.py``): a run starts in
   0.4 s, not in 0.65.
 """
@@ -23,12 +23,10 @@ import numba
 from llvmlite.binding import Linkage, parse_assembly
 from numba.core.cgutils import normalize_ir_text
 from numba.core.codegen import CodeLibrary, JITCodeLibrary
-from numba.core.compiler import Compiler, DefaultPassBuilder, Flags
-from numba.core.compiler_machinery import PassManager, _pass_registry
+from numba.core.compiler import Compiler, DefaultPassBuilder
+from numba.core.compiler_machinery import PassManager
 from numba.core.cpu import CPUContext
 from numba.core.errors import TypingError
-from numba.core.event import trigger_event
-from numba.core.transforms import canonicalize_cfg
 from numba.core.types import Function, unliteral
 from numba.core.typing import Context
 
@@ -245,34 +243,6 @@ def _size(codegen: Any, type_: Any) -> Any:
     return type_.get_abi_size(codegen.target_data)
 
 
-class _LeanManager(PassManager):
-    """Runs passes without checks between them, and without numba's timers and descriptions."""
-
-    def run(self, state: Any) -> None:
-        for one, _ in self.passes:
-            kept = _pass_registry.get(one)
-            kept.pass_inst.analysis = self._analysis
-            told = {"name": one.name(), "qualname": state.func_id.func_qualname}
-            with trigger_event("numba:run_pass", data=told):
-                kept.pass_inst.run_pass(state)
-            if kept.mutates_CFG:
-                state.func_ir.blocks = canonicalize_cfg(state.func_ir.blocks)
-
-
-class _Options(Flags):
-    """Options of numba, told by identity: its hash of them is always the same.
-
-    Types of operations are asked for under a copy, which is one object for all equal options.
-    """
-
-    __slots__ = ()
-    __eq__ = object.__eq__
-    __hash__ = object.__hash__
-
-    def copy(self) -> Any:
-        return _ours(_Options, Flags(self))
-
-
 class _LeanCompiler(Compiler):
     """Compiles with the passes that this project needs."""
 
@@ -280,12 +250,12 @@ class _LeanCompiler(Compiler):
         self, typing: Any, target: Any, library: Any, args: Any, result: Any, flags: Any, types: Any
     ) -> None:
         typing, target = _ours(_Typing, typing), _ours(_Target, target)
-        super().__init__(typing, target, library, args, result, _Options(flags), types)
+        super().__init__(typing, target, library, args, result, flags, types)
 
     def define_pipelines(self) -> list[Any]:
         """Return numba's own passes, without those that change nothing here."""
         if not _PIPELINES:
-            manager = _LeanManager("lean")
+            manager = PassManager("lean")
             passes = DefaultPassBuilder.define_nopython_pipeline(self.state).passes
             manager.passes = [one for one in passes if one[0].__name__ not in _UNUSED_PASSES]
             manager.finalize()

@@ -5,6 +5,7 @@ import re
 import signal
 import subprocess
 import sys
+import threading
 import time
 import types
 from pathlib import Path
@@ -13,7 +14,7 @@ import psutil
 import pytest
 
 from sweeps import interrupts, run_sweep
-from sweeps.errors import Refused
+from sweeps.errors import Refused, StoreError
 from sweeps.interrupts import Cancelled
 from sweeps.store.writer import SweepWriter
 from tests.helpers.commands import SMALL, accepted, call, refused
@@ -262,12 +263,38 @@ class Callback:
         time.sleep(0.1)
 
 
+class Held:
+    """Its lock is not released, as of a file of xarray that an interrupt ends while it is opened.
+
+    At the end of the command, xarray waits for the lock to close the file.
+    """
+
+    def __init__(self, number):
+        lock = threading.Lock()
+        lock.acquire()
+        try:
+            os.kill(os.getpid(), number)
+            time.sleep(300.0)
+        finally:
+            lock.acquire()
+
+
+def refusing(number):
+    """Refuse a file because of an error that h5py makes of an interrupt."""
+    try:
+        os.kill(os.getpid(), number)
+        time.sleep(300.0)
+    except Cancelled:
+        raise StoreError("small.h5 cannot be trusted") from None
+
+
+@pytest.mark.parametrize("interrupted", [Callback, Held, refusing])
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_a_command_that_waits_for_others_is_interrupted_in_a_callback_too(
-    small_file, monkeypatch, capfd, listening, number
+def test_a_command_that_waits_for_others_is_interrupted_wherever_it_is(
+    small_file, monkeypatch, capfd, listening, number, interrupted
 ):
     def contents(sweep):
-        Callback(number)
+        interrupted(number)
         wait_until(lambda: False, "the interrupt")
 
     monkeypatch.setattr("sweeps.opened.tables.contents", contents)
