@@ -44,6 +44,21 @@ def test_chaos_that_rounding_makes_periodic_has_no_class():
     assert (out["status"][chaotic] == Status.COMPUTED).all()
 
 
+def test_a_motion_that_rests_only_repeats_as_it_does_with_more_digits():
+    """At p = 1e-7 rounding at the sections makes many repeat; at p = 1e-3 x has eight digits more.
+
+    Some balls move differently at p = 1e-3, or so that a rounding decides where they rest.
+    """
+    gamma = np.linspace(2.0, 12.0, 100)
+    kinds = [
+        np.concatenate([balls(p, R, gamma) for R in (0.1, 0.3, 0.4, 0.5)]) for p in (1e-3, 1e-7)
+    ]
+    fine, coarse = (found_of(points, 100, 70)[0] for points in kinds)
+    known = (coarse["rest_fraction"] > 0.0) & (coarse["period"] > 0)
+    assert known.sum() > 100
+    assert (fine["period"] != coarse["period"])[known].mean() < 0.07
+
+
 @pytest.mark.parametrize(("p", "status"), [(1e-3, 1), (1e-4, 1), (1e-5, 0), (1e-7, 0)])
 def test_orbits_keep_their_class(p, status):
     """The ball jumps once a period, from beside its stable orbit on and from the unstable one."""
