@@ -9,7 +9,7 @@ from sweeps.opened.opened_sweep import OpenedSweep
 from tests.helpers import naive
 from tests.helpers.commands import accepted
 from tests.helpers.sweep_files import swept
-from vibroimpact.points.regimes import Label, Regime
+from vibroimpact.points.regimes import Label, Regime, is_chaotic
 from vibroimpact.status import Evidence, Status
 
 PERIODS = 100
@@ -47,6 +47,7 @@ def test_the_exponent_decides_by_the_growth_that_a_torus_allows():
     growth = [-np.inf, np.log(0.0099), np.log(0.0101), 0.0, np.log(99.0), np.log(101.0)]
     motion = [Regime.UNKNOWN] * 5 + [Regime.CHAOTIC]
     assert OpenedSweep(given_points(np.ones(6), 0, growth=growth)).regimes.tolist() == motion
+    assert [bool(is_chaotic(np.ones(2), np.ones(1), periods)) for periods in (31, 32)] == [0, 1]
 
 
 @pytest.mark.parametrize("periods", [1, 3, 10])
