@@ -15,6 +15,7 @@ import xarray as xr
 from sweeps import open_sweep
 from sweeps.errors import StoreError
 from sweeps.grid import Grid
+from sweeps.store.replacing import draft_of
 from tests.helpers.places import ROOT
 from tests.helpers.sweep_files import data
 from tests.helpers.written_files import GRID, begun, block_results, contents, fill_blocks, schema
@@ -243,3 +244,13 @@ def test_the_schema_of_an_incomplete_sweep_has_no_duration(folder):
         store.write(pending[0], block_results(pending[0]))
     with h5py.File(PARTS / "schema.h5") as file:
         assert "duration" not in file.attrs and "started" in file.attrs
+
+
+def test_the_drafts_of_a_killed_run_go_when_it_is_resumed():
+    fill_blocks("out.h5", 1)
+    names = Path("out.h5"), PARTS / "schema.h5", PARTS / "block-000001.npz"
+    drafts = [draft_of(path) for path in names]
+    for draft in drafts:
+        draft.write_bytes(b"half of a file")
+    fill_blocks("out.h5", 1, resume=True)
+    assert PARTS.exists() and not any(map(os.path.exists, drafts))
