@@ -7,7 +7,7 @@ import pytest
 
 from tests.helpers.kernel_cases import integrated
 from tests.vibroimpact.test_destination import on_the_orbit, run, spec_of
-from vibroimpact import Oscillator, integrate
+from vibroimpact import Oscillator, integrate, one_impact_orbits
 from vibroimpact.oscillator import POINT
 from vibroimpact.points.computation import classified_later, compute_points
 from vibroimpact.points.regimes import Regime, regimes_of
@@ -105,6 +105,19 @@ def test_beside_an_unstable_orbit_no_motion_has_its_class(distance):
     assert not (out["period"] == 1).any()
     if distance < 1e-10:  # rounding has not carried it away yet
         assert np.isin(out["class_evidence"], [Evidence.UNSTABLE, Evidence.UNREACHED]).all()
+
+
+def test_a_start_on_an_unstable_orbit_that_comes_back_to_the_same_bits_has_no_class():
+    rng, starts = np.random.default_rng(1), []
+    while len(starts) < 400:
+        h, clearance = rng.choice([0.0, 0.02, 0.1]), rng.choice([0.0, 0.3, -0.3])
+        osc = Oscillator(h, rng.uniform(0.3, 0.95), rng.uniform(0.5, 5.0), 1.0, 1.0, clearance)
+        unstable = [orbit for orbit in one_impact_orbits(osc) if orbit.exists and not orbit.stable]
+        starts += [osc.at(*orbit.sections(0.0)[0]) for orbit in unstable]
+    points = np.concatenate(starts)
+    out = compute_points(spec_of(points, transient=0, periods=2), points, None)
+    assert (out["poincare_x"][:, 0] == points["x0"]).sum() > 3
+    assert not (out["period"] == 1).any()
 
 
 def test_without_dissipation_only_the_record_shows_a_class():
