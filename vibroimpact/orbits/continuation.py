@@ -37,7 +37,7 @@ End: TypeAlias = tuple[str, np.ndarray, PeriodicOrbit]
 #: given up.
 _FIRST, _LONGEST, _SHORTEST = 5e-3, 0.08, 1e-9
 #: A step shorter than this misses nothing but rounding.
-_RESOLVED = 1e-6
+_FINE_STEP = 1e-6
 #: The orientation of the tangents changes where two paths cross, and in a jump to a path beside
 #: this one. It changes in no step that is longer than this, unless the step goes beyond the last
 #: orbit or the halves of its orbit change places.
@@ -55,12 +55,12 @@ GRAZES = 1e-5
 #: is sought with a shorter step.
 ENDS = 1e-9
 #: Most trials to find the last orbit of a path; a margin below the second is zero to rounding.
-_MOST_TRIALS, _AT_END = 80, 1e-15
+_MOST_TRIALS, _ZERO_MARGIN = 80, 1e-15
 #: Where Newton's method fails this near to the last orbit of a curve or to an edge, its equations
 #: are singular.
 _SINGULAR = 1e-8
 #: Most iterations at the end of a path, where each may only halve the error.
-_PATIENT = 60
+_MOST_AT_END = 60
 
 
 def continue_branch(family: OrbitFamily, start: Point) -> Iterator[ArclengthStep]:
@@ -107,7 +107,7 @@ def _step(
         if trial is not None:
             step, _ = trial
             ends = not step.last or step.margin < ENDS
-            if length < _RESOLVED or (ends and not step.may_miss()):
+            if length < _FINE_STEP or (ends and not step.may_miss()):
                 return trial
             length *= 1.0 if ends else 0.5  # the equations may be singular at the end
         length *= 0.5
@@ -134,7 +134,7 @@ def _trial(
         return None
     way_on = math.copysign(1.0, cosine)
     step = ArclengthStep(family, begin, family.point(Y, way_on * tangent), length)
-    reason, is_long = step.end.inadmissible, length > _RESOLVED
+    reason, is_long = step.end.inadmissible, length > _FINE_STEP
     turned_over = length > _TURNED_OVER and way_on == -way and reason is None
     if (turned_over and not step.exchanges_halves()) or (is_long and step.jumps()):
         return None
@@ -155,7 +155,7 @@ def _returns(step: ArclengthStep, start: Point) -> bool:
     if not family.distance(X, start.X) < step.length:
         return False
     Y = family.corrected(X, along[None, :])
-    return Y is not None and family.distance(Y, start.X) < _RESOLVED
+    return Y is not None and family.distance(Y, start.X) < _FINE_STEP
 
 
 def margin(family: OrbitFamily, point: Point, reason: Inadmissible) -> float:
@@ -209,10 +209,10 @@ def _last_orbit(step: ArclengthStep, reason: Inadmissible) -> tuple[np.ndarray, 
         middle = low + share * (high - low)
         if middle in (low, high):
             middle = 0.5 * (low + high)
-        if middle in (low, high) or 0.0 <= above < _AT_END:
+        if middle in (low, high) or 0.0 <= above < _ZERO_MARGIN:
             break
         guess = last.X + (middle - low) / (far - low) * (beyond.X - last.X)
-        X = family.corrected(guess, along[None, :], most=_PATIENT)
+        X = family.corrected(guess, along[None, :], most=_MOST_AT_END)
         if X is None:  # for example near a point of codimension two, where the orbits end
             high = middle
             if family.kind and high - low < _SINGULAR:

@@ -25,10 +25,10 @@ from vibroimpact.orbits.unknowns import ROUNDING, impact_rows, speeds
 CURVE_KINDS = tuple(filter(None, CONDITIONS))
 #: A bifurcation that was found belongs to the orbit if it is closer to it than this, in scaled
 #: unknowns.
-_BELONGS = 0.2
+_NEAR_ORBIT = 0.2
 #: Sizes of the orbits of twice the period that are tried beside a degenerate flip, and the most
 #: iterations for each. Large ones may belong to another flip, the small ones may be rounding.
-_SIZES, _PATIENT = (0.02, 0.01, 0.005, 0.1, 0.05, 0.2), 30
+_SIZES, _MOST_PER_SIZE = (0.02, 0.01, 0.005, 0.1, 0.05, 0.2), 30
 #: If no impact is faster than this, in natural units, the orbit is the free oscillation.
 _STILL = 1e-6
 
@@ -135,7 +135,7 @@ def _fold_of_twice(orbit: PeriodicOrbit, axes: Sequence[ContinuationParameter]) 
     m, q = 2 * flips.m, 2 * flips.q
     folds = flips.related(impact_rows(X, q), m, "fold")
     for size in _SIZES:
-        Y = folds.corrected(X + size * along, along[None, :], _PATIENT)
+        Y = folds.corrected(X + size * along, along[None, :], _MOST_PER_SIZE)
         if Y is None or folds.inadmissible(Y)[0] is not None:
             continue
         # The impacts tell how near it is: the parameters are in units of ranges of any width.
@@ -153,7 +153,7 @@ def _bifurcation(
         for axis in axes:
             family = OrbitFamily(orbit, (axis,))
             X = family.bifurcation(family.start, kind, int(np.argmin(orbit.speeds)))
-            if X is not None and family.distance(X, family.start) < _BELONGS:
+            if X is not None and family.distance(X, family.start) < _NEAR_ORBIT:
                 if family.inadmissible(X)[0] is None:
                     return family.orbit(X)
     for axis in axes:

@@ -29,7 +29,7 @@ _ADVANCE, _SHARE = 4e-3, 0.05
 #: At a flip, two iterations to the null vector of J(-1) differ by about the share of its least
 #: singular value in the next one, which is smaller. J(-1) is moved by a share far above its
 #: rounding, so that it has an inverse.
-_SINGULAR, _MOVED = 1e-4, 1e-12
+_SINGULAR_SHARE, _MOVED = 1e-4, 1e-12
 
 
 def cubic_coefficient(system: System, flips: np.ndarray) -> Any:
@@ -93,7 +93,7 @@ def _null_vectors(J: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         u = _unit((w[:, None] @ inverse)[:, 0])
         w = _unit((inverse @ u[:, :, None])[:, :, 0])
     off = 1.0 - np.abs(np.sum(w * before, axis=1))
-    return u, w, singular | ~(off < _SINGULAR**2)
+    return u, w, singular | ~(off < _SINGULAR_SHARE**2)
 
 
 def _unit(vectors: np.ndarray) -> np.ndarray:

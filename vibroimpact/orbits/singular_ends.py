@@ -46,7 +46,7 @@ _POINTS, _APART, _PRECISE, _KNOWN = 5, 1.5, 1e-8, 1e-7
 #: The second place at which a touch is looked at, and the error of the root, in scaled unknowns.
 _NEAR = 1e-6, 1e-9
 #: A degenerate flip is nearer than this to where the curve of folds leads.
-_BELONGS = 0.05
+_NEAR_LIMIT = 0.05
 #: Impacts of a curve that are so many times faster than the force and the clearance alone make them
 #: may grow without bound.
 _FASTEST = 1e3
@@ -84,7 +84,7 @@ def _degenerate_flip(family: OrbitFamily, points: Sequence[np.ndarray], lost: bo
     halves, _ = half_of(family, points[-1], "flip")
     coefficient = partial(cubic_coefficient, halves.system)
     place = _root_along(halves, guess, coefficient, NEARBY_DISTANCE, _PRECISE)
-    if not (error < NEARBY_DISTANCE and abs(place) < _BELONGS):
+    if not (error < NEARBY_DISTANCE and abs(place) < _NEAR_LIMIT):
         return None
     Y = _along(halves, guess, place)
     if not lost and not speeds(Y, halves.q).max() > NEARBY_DISTANCE:  # it may stand still

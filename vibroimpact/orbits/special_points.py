@@ -41,7 +41,7 @@ from vibroimpact.orbits.unknowns import ROUNDING, differences_of_halves
 #: of it, may be rounding.
 _ALIKE = 1e-4
 #: A bifurcation at an end of a step may lie beyond it by this share of the step, by rounding.
-_AT_END = 1e-6
+_OVERSHOOT = 1e-6
 #: A curve that begins nearer to an end than this, in scaled unknowns, is begun again in the middle
 #: of its other side, if that has more points than this.
 _BESIDE, _FEW = 0.3, 8
@@ -49,7 +49,7 @@ _BESIDE, _FEW = 0.3, 8
 _SAME_POINT = 1e-7
 #: A step of a curve of flips that is shorter, in scaled unknowns, has at most one degenerate flip;
 #: and how far along the tangent a coefficient is compared for its slope.
-_RESOLVED, _BEYOND = 1e-4, 1e-4
+_ONE_FLIP, _BEYOND = 1e-4, 1e-4
 #: A curve ends at this share of its ranges from where its equations are singular, or nearer.
 _SAME_END = 1e-6
 
@@ -139,7 +139,7 @@ def _bifurcations(step: ArclengthStep, end: float) -> Iterator[tuple[str, np.nda
             continue
         X = family.bifurcation(step.between(a / (a - b)), kind)
         # Newton's method may also find the bifurcation of a step beside this one.
-        if X is None or not -_AT_END <= step.place(X) <= min(1.0 + _AT_END, end):
+        if X is None or not -_OVERSHOOT <= step.place(X) <= min(1.0 + _OVERSHOOT, end):
             X = step.root(partial(family.test, test), a, b)
         if X is None or (kind == "fold" and _is_twice_its_half(family, X)):
             continue
@@ -169,7 +169,7 @@ def _note_degenerate_flips(path: Path, points: Sequence[np.ndarray]) -> None:
     values, slopes = both[: len(X)], (both[len(X) :] - both[: len(X)]) / _BEYOND
     for i, length in enumerate(map(family.distance, X, X[1:])):
         (a, b), (first, second) = values[i : i + 2].tolist(), (length * slopes[i : i + 2]).tolist()
-        more = may_have_more_roots.py_func(a, first, b, second) and length > _RESOLVED
+        more = may_have_more_roots.py_func(a, first, b, second) and length > _ONE_FLIP
         across = (X[i + 1] - X[i])[None, :]
         middle = family.corrected(0.5 * (X[i] + X[i + 1]), across) if more else None
         if middle is not None:
