@@ -44,7 +44,7 @@ def bifurcation_report(sweep: OpenedSweep, file: Path, changes: pd.DataFrame) ->
 
 
 def _one_by_one(changes: pd.DataFrame) -> list[str]:
-    """Return the tables of bifurcations, those with an exact value first, and notes on them."""
+    """Return the table of bifurcations in their order, a summary of what it lacks, and notes."""
     inexact = changes["value"].isna() & (changes["kind"] != "crisis")
     listed, others = changes[~inexact], changes[inexact]
     parts, narrow = [], 0
@@ -52,7 +52,7 @@ def _one_by_one(changes: pd.DataFrame) -> list[str]:
         narrow = int(listed["narrow"].sum())
         listed = listed[~listed["narrow"]]
     if len(others) <= _MOST_INEXACT:
-        listed = changes.loc[[*listed.index, *others.index]]
+        listed = changes.loc[listed.index.union(others.index)]
     if len(listed):
         head = [*changes.attrs["heads"], "kind", "orbit", "classes", "between", ""]
         parts.append(table([head, *(_row(changes, item) for item in listed.to_dict("records"))]))

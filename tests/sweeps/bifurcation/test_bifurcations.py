@@ -168,6 +168,9 @@ def test_an_attractor_that_goes_on_is_no_bifurcation(sweep):
     assert change.kind == "basin" and np.isnan(change.value)
     said = accepted("info", path, "--bifurcations")
     assert " basin         2/3 -> 1/1" in said and "basin: the motion of one side is stable" in said
+    _, *rows = said.split("\n\n")[0].splitlines()
+    lows = [float(row.split(" .. ")[0].split()[-1]) for row in rows]
+    assert len(lows) > 1 and lows == sorted(lows)
 
 
 def test_a_window_behind_chaos_is_no_part_of_the_flip_before_it(sweep):
