@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.table import Column
 
 from sweeps.config.loading import load_config
 from sweeps.config.sweep import SweepConfig
@@ -157,12 +158,13 @@ def _progress(
     periods = config.sweep.known_periods
     scaled = ", one f computed and the others scaled" if config.sweep.spec.scaled else ""
     name, began, computed = printable(config.name) + scaled, time.monotonic(), 0
+    named = Column(no_wrap=True, max_width=max(8, console.width - 62))  # the others need so much
     with Progress(
-        TextColumn("{task.description}", markup=False),
+        TextColumn("{task.description}", markup=False, table_column=named),
         BarColumn(),
-        MofNCompleteColumn(),
+        MofNCompleteColumn(table_column=Column(no_wrap=True)),
         TextColumn("points  {task.fields[speed]}"),
-        TimeRemainingColumn(),
+        TimeRemainingColumn(table_column=Column(no_wrap=True)),
         console=console,
         disable=console.quiet,
     ) as bar:

@@ -11,6 +11,8 @@ from bokeh.document import Document
 from rich.console import Console
 
 from sweeps import load_config, text
+from sweeps.engine.executors import LocalComputer
+from sweeps.engine.sweep_run import _progress
 from sweeps.explorer.live_page import LivePage
 from sweeps.explorer.view import View
 from tests.helpers.commands import call
@@ -76,6 +78,19 @@ def test_progress_never_says_more_than_everything(impatient, monkeypatch):
     shown = screen.getvalue()
     assert "counting" in shown and "50 %, about" in shown
     assert not re.search(r"1\d\d %|-\d+.* left", shown)
+
+
+@pytest.mark.parametrize("name", ["short", "a name of many words that is longer than the line"])
+def test_the_progress_of_a_run_shows_the_time_that_is_left(folder, name):
+    (folder / "scene.yaml").write_text(f"name: {name}\n{STARTS}")
+    config, screen = load_config("scene.yaml"), Terminal()
+    console = Console(file=screen, force_terminal=True, width=80)
+    with _progress(config, [], LocalComputer(1), console) as advance:
+        advance(1)
+    shown = re.sub(r"\x1b\[[\d;?]*[A-Za-z]", "", screen.getvalue())
+    lines = [line for line in shown.splitlines() if "points" in line]
+    assert lines and all(line.startswith(name[:16]) for line in lines)
+    assert all(re.search(r" \d+/18 points .*(\d+:\d\d:\d\d|-:--:--) *$", line) for line in lines)
 
 
 def test_quick_work_says_nothing(capsys, monkeypatch):
