@@ -6,7 +6,16 @@ from enum import IntEnum
 TOLERANCE = 1e-6
 
 
-class Status(IntEnum):
+class _Flag(IntEnum):
+    """A number of a file that stands for a word."""
+
+    @property
+    def word(self) -> str:
+        """The name, as texts and legends write it."""
+        return self.name.lower().replace("_", "-")
+
+
+class Status(_Flag):
     """The outcome at one parameter point, as stored in ``status``.
 
     ``UNRESOLVED`` and ``NON_FINITE`` are failures: the numbers of the point are NaN from then on.
@@ -69,7 +78,7 @@ _OF_EXACT = {
 }
 
 
-class Evidence(IntEnum):
+class Evidence(_Flag):
     """What shows to which periodic orbit a motion goes, as stored in ``class_evidence``.
 
     Up to ``UNREACHED`` the motion has no class.

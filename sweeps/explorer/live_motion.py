@@ -75,7 +75,7 @@ def motion_at(view: View) -> MotionLines:
     try:
         if not np.isfinite(states).any():
             refuse_unrecorded(status, "poincare_x")
-        periods = min(periods_shown(m), _MOST) if m else _UNREPEATED
+        periods = periods_shown(m, _MOST, _UNREPEATED)
         oscillator, begun = oscillator_of(points[0]), float(points["phase"][0])
         after = continued(oscillator, config.sweep.spec, states, periods, begun)
     except Refused as error:

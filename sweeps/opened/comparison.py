@@ -220,7 +220,7 @@ def _line(sweep: xr.Dataset, seen: Nomenclature, difference: Difference) -> str:
 def _values(name: str, values: tuple[object, object]) -> list[str]:
     """Write two values so that they can be told apart, flags as words."""
     if name in FLAGS:
-        words = {int(flag): flag.name.lower().replace("_", "-") for flag in FLAGS[name]}
+        words = {int(flag): flag.word for flag in FLAGS[name]}
         return [words.get(int(value), str(value)) for value in values]  # type: ignore[call-overload]
     if any(isinstance(value, str) for value in values):
         return [str(value) for value in values]

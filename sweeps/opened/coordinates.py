@@ -17,6 +17,7 @@ from sweeps.text import shown_count
 from vibroimpact.oscillator import Oscillator
 from vibroimpact.points.stages import RunSpec
 from vibroimpact.status import Status
+from vibroimpact.step.scheme import MOST_PERIODS
 
 if TYPE_CHECKING:
     from vibroimpact.orbits.orbit import Orbits
@@ -163,9 +164,9 @@ class PointMotion:
         return np.stack(exact_samples(self.oscillator, t, x, v, per_period))
 
 
-def periods_shown(m: int) -> int:
+def periods_shown(m: int, most: int = MOST_PERIODS, unknown: int = 4) -> int:
     """Return how many forcing periods show a motion of period m (0: unknown): two repetitions."""
-    return max(2 * m, 4)
+    return min(max(2 * m, 4), most) if m else unknown
 
 
 def motion_of(point: OpenedSweep, periods: int | None, most: int = MOST_DRAWN) -> PointMotion:

@@ -198,7 +198,7 @@ def contents_by_key(sweep: OpenedSweep) -> dict[str, Any]:
         "name": attributes.pop("name"),
         "points": sweep["status"].size,
         "outcomes": {
-            status.name.lower().replace("_", "-"): number
+            status.word: number
             for status, number in status_counts(sweep.values(["status"])).items()
             if number
         },

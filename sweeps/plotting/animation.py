@@ -205,8 +205,7 @@ def _film(
     point = sweep.cut(at)
     if periods is None:
         (label,) = point.labels
-        m = label.m if label else 0
-        periods = min(periods_shown(m), _MOST_PERIODS) if m else _UNKNOWN
+        periods = periods_shown(label.m if label else 0, _MOST_PERIODS, _UNKNOWN)
     if periods > _MOST_PERIODS:
         expected = f"expected: at most {_MOST_PERIODS}"
         raise Refused(f"periods = {periods:,} is not allowed in an animation; {expected}")

@@ -40,7 +40,7 @@ _WORDS: Mapping[str, Mapping[int, tuple[str, str]]] = {
     "status": {
         one: (labels.status_name(one), colour) for one, colour in style.RESULT_COLOURS.items()
     },
-    "class_evidence": {one: (one.name.lower(), colour) for one, colour in style.EVIDENCE.items()},
+    "class_evidence": {one: (one.word, colour) for one, colour in style.EVIDENCE.items()},
 }
 #: Positive values are on a logarithmic scale if the greatest is this many times the least.
 _LOG_FROM = 10.0

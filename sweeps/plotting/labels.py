@@ -116,9 +116,7 @@ def equation(symbol: str, variable: xr.DataArray, value: float) -> str:
 
 def status_name(outcome: Status) -> str:
     """Return the name of an outcome for a legend."""
-    if outcome is Status.PENDING:
-        return outcome.meaning
-    return outcome.name.lower().replace("_", "-")
+    return outcome.meaning if outcome is Status.PENDING else outcome.word
 
 
 def record_text(line: OpenedSweep, coordinate: str = "poincare_x") -> str:

@@ -61,7 +61,7 @@ def legends(figure):
 
 def test_the_words_of_all_regimes_and_outcomes():
     words = [regime.word for regime in REGIMES]
-    words += [one.name.lower().replace("_", "-") for one in (*EVIDENCE, *Status)]
+    words += [one.word for one in (*EVIDENCE, *Status)]
     assert {Status.PENDING, *STATUS_COLOURS} <= set(Status) and len(EVIDENCE) == len(Evidence) - 1
     words.remove("pending")  # which is called by its meaning
     assert not unexplained([*words, Status.PENDING.meaning])
