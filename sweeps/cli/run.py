@@ -121,8 +121,7 @@ def config_in(sweep: OpenedSweep, path: Path, overrides: Sequence[str]) -> Sweep
     """Return the configuration in an opened file, which is its output, with overrides."""
     from sweeps.config.loading import parse_config
 
-    whole = sweep.source or sweep  # not the sweep in SI units
-    text, table = whole.attrs["configuration"], whole.columns
+    text, table = sweep.attrs["configuration"], sweep.whole.columns
     config = parse_config(text, f"{path}, its configuration", path.stem, overrides, table)
     if any(override.partition("=")[0].strip() == "output" for override in overrides):
         return config

@@ -51,9 +51,7 @@ class OpenedSweep:
     """A sweep that was opened, or a cut through one. What is computed of it is computed once."""
 
     data: xr.Dataset
-    source: OpenedSweep | None = (
-        None  # the sweep of which this is a cut, or that it shows in SI units
-    )
+    source: OpenedSweep | None = None  # of which this is a cut, or which it shows in SI units
     in_rig: bool = False  # whether the axes, names and units are those of a rig
 
     def __getitem__(self, name: str) -> xr.DataArray:
@@ -62,6 +60,11 @@ class OpenedSweep:
 
     def __contains__(self, name: object) -> bool:
         return name in self.data
+
+    @property
+    def whole(self) -> OpenedSweep:
+        """The sweep as the file holds it, not a cut, and with the names of the model."""
+        return self if self.source is None else self.source.whole
 
     @property
     def sizes(self) -> Mapping[Any, int]:
@@ -110,7 +113,7 @@ class OpenedSweep:
     def config(self) -> SweepConfig:
         """The configuration; ConfigError if it is not valid, since another version wrote it."""
         if self.source is not None:
-            return self.source.config
+            return self.whole.config
         text, table = self.attrs["configuration"], self.columns
         return parse_config(text, *_SOURCE, table=table) if table else _parsed(text)
 

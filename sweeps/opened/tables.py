@@ -106,7 +106,7 @@ def write_rows(sweep: OpenedSweep, path: Path, rows: str = "points") -> int:
     values; what was not recorded has no row. All digits are kept, so that reading the file gives
     the same numbers; NaN is an empty field. The file is replaced only when the table is complete.
     """
-    refuse_points(sweep.columns, path)
+    refuse_points(sweep.whole.columns, path)
     data = _scalars(sweep) if ROWS[rows] is None else _records(sweep, rows)
     size = _PART // (data.sizes[ROWS[rows]] if ROWS[rows] else 1)
     parts = (_frame(sweep.with_data(part), ROWS[rows]) for part, _ in in_parts(data, size))

@@ -13,6 +13,7 @@ from sweeps import load_config, open_sweep, run_sweep
 from sweeps.errors import Failed
 from sweeps.opened.tables import write_csv
 from tests.helpers.commands import accepted, call, refused
+from tests.helpers.rigs import rig
 from vibroimpact.status import Evidence, Status
 
 CONFIG = """\
@@ -138,10 +139,11 @@ def test_the_rows_of_a_table_have_its_columns():
     assert second == table[8:]
 
 
-def test_the_table_of_points_is_not_replaced():
-    """Not even after an empty line; a table that was exported before is."""
+@pytest.mark.parametrize("group", ["oscillator: {h: 0.1, R: 0.8, f: 1.0}", rig(frequency=None)])
+def test_the_table_of_points_is_not_replaced(group):
+    """Not even after an empty line or of a rig; a table that was exported before is."""
     text = "\n omega , serial\n2.0,a\n2.5,b\n"
-    Path("sweep.yaml").write_text("points: table.csv\noscillator: {h: 0.1, R: 0.8, f: 1.0}\n")
+    Path("sweep.yaml").write_text(f"points: table.csv\n{group}\n")
     Path("table.csv").write_text(text.strip())
     run_sweep("sweep.yaml", "out.h5")
     Path("table.csv").write_text(text)
