@@ -229,21 +229,19 @@ def test_the_expected_time_is_about_the_time(usual_trials, changes):
     assert 0.2 < expected / (time.process_time() - began) < 5.0
 
 
-@pytest.mark.slow
-def test_the_expected_time_is_not_that_of_other_processes(usual_trials, monkeypatch):
-    """A trial of one period that waits for a processor is not multiplied by a million."""
-    sweep = load(CONFIG, "record.transient=1e6", "oscillator.omega.num=60").sweep
-    alone, _ = trial(sweep, None)
-    calls = count()
+def test_the_expected_time_is_the_processor_time_of_all_periods(monkeypatch):
+    """Not of the few that a trial takes, nor by a clock that runs while it waits."""
+    sweep, spent = load(CONFIG, "record.transient=1e6", "oscillator.omega.num=60").sweep, [0.0]
 
-    def delayed(*arguments):
-        if next(calls) == 1:  # after the one that compiles
-            time.sleep(2.0 * limits._TRIAL)
-        return compute(*arguments)
+    def counted(spec, *_):
+        spent.append(spent[-1] + 1e-3 * (spec.transient + spec.periods))
+        return {}
 
-    monkeypatch.setattr(limits, "compute", delayed)
-    assert 0.2 < trial(sweep, None)[0] / alone < 5.0
-    assert next(calls) > 3
+    clocks = dict.fromkeys(("process_time", "thread_time"), lambda: spent[-1])
+    monkeypatch.setattr(limits, "time", SimpleNamespace(**clocks))
+    monkeypatch.setattr(limits, "compute", counted)
+    assert trial(sweep, 1)[0] == pytest.approx(1e-3 * sweep.most_periods)
+    assert len(spent) < 20
 
 
 def test_one_block_is_computed_while_another_is_written_and_none_when_the_rest_is_left():
