@@ -189,7 +189,7 @@ class RigConfig(ParameterConfig):
         values = Axis.of(typed).values()
         made = np.asarray(quantity.in_model(self.mass, values))
         order = np.argsort(made)
-        after = np.searchsorted(made[order], value).clip(1, max(len(made) - 1, 1))
+        after = np.searchsorted(made[order], value).clip(min=1)
         below, above = order[after - 1], order[after.clip(max=len(made) - 1)]
         nearest = np.where(made[above] - value < value - made[below], above, below)
         # Ranges of earlier versions were rounded several times.

@@ -282,6 +282,8 @@ def damaged_blocks(content):
     yield "fewer samples", BLOCK.read_bytes()
     number = content.index(block_results((slice(0, 1), slice(2, 4)))["poincare_v"].tobytes())
     yield "another number", content[:number] + b"\0" + content[number + 1 :]
+    place = int.from_bytes(content[-6:-2], "little")  # of the table of contents
+    yield "before the file", content[:-6] + (place + 9).to_bytes(4, "little") + content[-2:]
     for length in np.linspace(0, len(content) - 1, 5).astype(int):
         yield length, content[:length]
     with zipfile.ZipFile(io.BytesIO(content)) as file:
