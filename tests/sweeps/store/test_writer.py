@@ -13,8 +13,9 @@ import pytest
 import xarray as xr
 
 from sweeps import open_sweep
-from sweeps.errors import StoreError
+from sweeps.errors import Failed, StoreError
 from sweeps.grid import Grid
+from sweeps.store import complete_file, parts
 from sweeps.store.replacing import draft_of
 from tests.helpers.places import ROOT
 from tests.helpers.sweep_files import data
@@ -138,19 +139,34 @@ def test_an_error_of_truncate_is_one_failure(whole):
     resumed(whole)
 
 
+def test_the_last_pass_ends_when_the_disk_is_full(monkeypatch):
+    begun = []
+
+    def fill_disk():
+        begun.append("a piece")
+        monkeypatch.setattr(complete_file._Draft, "error", OSError("No space left"))
+
+    monkeypatch.setattr(complete_file, "check", fill_disk)
+    with pytest.raises(Failed, match="No space left"):
+        fill_blocks("out.h5")
+    assert begun == ["a piece"]
+
+
 def test_a_sweep_that_is_completed_while_it_is_opened_is_read_from_its_file(monkeypatch, whole):
     """Wherever the reader is when the file gets its name and the blocks go."""
-    listdir, read, folder = os.listdir, Path.read_bytes, Path.cwd()
-    for where in ("listdir", "read_bytes"):
+    folder = Path.cwd()
+    for owner, name in ((os, "listdir"), (Path, "read_bytes"), (parts, "Parts")):
         fill_blocks("out.h5", 2)
+        read = getattr(owner, name)
 
-        def complete(path, where=where):
+        def complete(*arguments, read=read, after=owner is parts, **options):
+            found = [read(*arguments, **options)] if after else []
             monkeypatch.undo()
             monkeypatch.chdir(folder)
             fill_blocks("out.h5", resume=True)
-            return (listdir if where == "listdir" else read)(path)
+            return found[0] if found else read(*arguments, **options)
 
-        monkeypatch.setattr(os if where == "listdir" else Path, where, complete)
+        monkeypatch.setattr(owner, name, complete)
         xr.testing.assert_identical(data("out.h5"), whole)
         Path("out.h5").unlink()
 
