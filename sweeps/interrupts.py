@@ -149,6 +149,26 @@ def raised_by_check() -> Iterator[None]:
         _came = False
 
 
+@contextmanager
+def signals_kept_away() -> Iterator[None]:
+    """Block signals in the threads that are started in the ``with`` block, and in their processes.
+
+    Ctrl-C in a terminal reaches all processes, but only this one should handle it. Windows has no
+    signal mask; there the workers end with this process.
+    """
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    from multiprocessing import resource_tracker
+
+    resource_tracker.ensure_running()  # if started later, it would unblock the signals
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, SIGNALS)
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
 def _set(*_: object) -> None:
     global _came
     _came = True

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -13,8 +12,7 @@ import numpy as np
 from sweeps.errors import Failed, StoreError
 from sweeps.store.complete_file import per_point
 from sweeps.store.parts import kept_points
-from sweeps.store.paths import SCHEMA, is_sweep, parts_path
-from sweeps.store.replacing import identity
+from sweeps.store.paths import identities, is_sweep, parts_path
 from sweeps.store.variables import DIRECTION
 from sweeps.text import in_brackets, shown_bytes, shown_count, shown_duration, shown_range, table
 from vibroimpact.points.regimes import (
@@ -99,11 +97,6 @@ def run_summary(path: Path, sweep: Sweep) -> tuple[str, bool]:
     omega, spec = sweep.grid.along("omega"), sweep.spec
     lines = destinations_text(variables, omega, spec.periods, spec.impact)
     return "\n".join([first, *lines]), bool(has_result(variables["status"]).any())
-
-
-def identities(path: Path) -> tuple[object, object]:
-    """Return the `identity` of the file of a sweep and of the schema of its blocks."""
-    return identity(Path(os.path.realpath(path))), identity(parts_path(path) / SCHEMA)
 
 
 def kept_text(path: Path, command: str, old: tuple[object, object] = (None, None)) -> str:

@@ -163,8 +163,9 @@ def run_and_report(config: SweepConfig, path: Path, quiet: bool, **options: Any)
     """Run a sweep, print its summary or how to go on, and return whether any point has a result."""
     from sweeps import reports
     from sweeps.engine.sweep_run import run_sweep
+    from sweeps.store.paths import identities
 
-    old = reports.identities(path) if options["overwrite"] else (None, None)
+    old = identities(path) if options["overwrite"] else (None, None)
     try:
         check()
         path = run_sweep(config, path, progress=not quiet, **options)

@@ -18,7 +18,6 @@ import logging
 import math
 import os
 import re
-import signal
 import threading
 import time
 import warnings
@@ -32,7 +31,7 @@ import numpy as np
 
 from sweeps.errors import Failed, Refused, SweepError
 from sweeps.grid import Block, Sweep, block_points
-from sweeps.interrupts import SIGNALS, check, raised_at_once
+from sweeps.interrupts import check, raised_at_once, signals_kept_away
 from sweeps.text import shortened
 from vibroimpact import __version__
 from vibroimpact.inputs import refusal
@@ -178,7 +177,7 @@ def _processes(number: int) -> Iterator[LocalCluster]:
         "distributed.worker.http.routes": [],
     }
     with dask.config.set(settings), ExitStack() as stack:
-        with _signals_kept_away():
+        with signals_kept_away():
             cluster = stack.enter_context(
                 LocalCluster(
                     n_workers=number,
@@ -203,26 +202,6 @@ def _kill(cluster: LocalCluster) -> None:
         with suppress(psutil.NoSuchProcess):
             if worker.pid is not None:  # psutil takes None for this process
                 psutil.Process(worker.pid).kill()
-
-
-@contextmanager
-def _signals_kept_away() -> Iterator[None]:
-    """Block signals in the threads that are started in the ``with`` block, and in their processes.
-
-    Ctrl-C in a terminal reaches all processes, but only this one should handle it. Windows has no
-    signal mask; there the workers end with this process.
-    """
-    if not hasattr(signal, "pthread_sigmask"):
-        yield
-        return
-    from multiprocessing import resource_tracker
-
-    resource_tracker.ensure_running()  # if started later, it would unblock the signals
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, SIGNALS)
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 @contextmanager

@@ -64,6 +64,11 @@ def compute(spec: RunSpec, points: np.ndarray, threads: int | None) -> dict[str,
     return results
 
 
+def compute_all(sweep: Sweep) -> Results:
+    """Compute all points of a sweep together, with the same results as a run."""
+    return compute(sweep.spec, sweep.grid.points(), None)
+
+
 @contextmanager
 def other_thread() -> Iterator[ThreadPoolExecutor]:
     """Yield an executor of one thread, whose work ends with `Cancelled` at the end of the block."""

@@ -16,7 +16,7 @@ from bokeh.palettes import interp_palette
 from sweeps.bifurcation.exact_branches import branches_of, check_axis
 from sweeps.config.sweep import SweepConfig
 from sweeps.engine.estimate import check_memory
-from sweeps.engine.executors import Results, compute
+from sweeps.engine.executors import Results, compute_all
 from sweeps.errors import StoreError
 from sweeps.explorer.figures import LEAST_PIXELS, PixelFigure, Report, Step, outer_edges, set_range
 from sweeps.explorer.view import DIAGRAM_TAB, View, Window
@@ -62,11 +62,6 @@ fit_ordinate();
 const number = pixels.data.number[0];
 requestAnimationFrame(() => requestAnimationFrame(() => {{painted.value = number}}));
 """
-
-
-def numbers(config: SweepConfig) -> Results:
-    """Compute all points of a configuration, with the same results as a run."""
-    return compute(config.sweep.spec, config.sweep.grid.points(), None)
 
 
 def ramp() -> list[str]:
@@ -246,7 +241,7 @@ class Diagram(PixelFigure):
         if kept is not None and kept.config == config:
             results, seconds = kept.results, kept.seconds
         else:
-            results = numbers(config)
+            results = compute_all(config.sweep)
             seconds = perf_counter() - begin
         values = ordinates(config, results, view.ordinate)
         window = fitted(values) if view.ylim is None else view.ylim
@@ -339,7 +334,7 @@ class Branches:
         if self._found is None or self._found[0] != config:
             sweep = config.sweep
             check_axis(view.axis, sweep.grid.axes[view.axis], "it")
-            line = motions_from(sweep.spec, sweep.grid.points(), numbers(config))
+            line = motions_from(sweep.spec, sweep.grid.points(), compute_all(config.sweep))
             phase = config.record.phase
             self._found = config, branches_of([line], view.axis, phase, lambda share: check())
         parts = _nothing()

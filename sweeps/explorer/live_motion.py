@@ -14,11 +14,10 @@ from bokeh import models
 from bokeh.layouts import column, row
 from bokeh.plotting import figure
 
-from sweeps.engine.executors import Results
+from sweeps.engine.executors import Results, compute_all
 from sweeps.errors import Refused
 from sweeps.explorer.controls import labelled
 from sweeps.explorer.figures import Step, label_of, narrow, value_text
-from sweeps.explorer.live_diagram import numbers
 from sweeps.explorer.view import View
 from sweeps.opened.coordinates import continued, periods_shown, refuse_unrecorded
 from sweeps.opened.motions import motions_from, orbit_of_motion, oscillator_of
@@ -64,7 +63,7 @@ class MotionLines(NamedTuple):
 def motion_at(view: View) -> MotionLines:
     """Compute the motion at the mark, for some periods after its last recorded section."""
     config = view.point()
-    points, results = config.sweep.grid.points(), numbers(config)
+    points, results = config.sweep.grid.points(), compute_all(config.sweep)
     nothing = np.empty((3, 0)), np.empty((3, 0))
     status = Status(results["status"][0])
     if status.failed:

@@ -19,13 +19,11 @@ from sweeps.grid import TABLE
 from sweeps.store.variables import COLUMN_NAMES, DIRECTION, VARIABLES
 from sweeps.text import (
     choice_of,
-    in_brackets,
     listed,
     near_misses,
     shown_count,
     suggestion,
     told_apart,
-    unit_name,
 )
 from vibroimpact.oscillator import PARAMETERS, POINT, Oscillator
 from vibroimpact.points.regimes import (
@@ -372,8 +370,3 @@ _SOURCE = ("its configuration", "sweep")
 def _parsed(configuration: str) -> SweepConfig:
     """Parse the configuration of a file; a user's Dataset is opened for each of its pictures."""
     return parse_config(configuration, *_SOURCE)
-
-
-def headed(name: str, variable: xr.DataArray) -> str:
-    """Return the head of a column, with the unit of the variable in brackets if it has a name."""
-    return name + in_brackets(unit_name(variable.attrs.get("units", "1")))

@@ -21,7 +21,7 @@ from sweeps.opened.opened_sweep import OpenedSweep
 from sweeps.reports import RESULTS, destinations_text, outcomes, shown_axis, status_counts
 from sweeps.store.replacing import writing
 from sweeps.store.variables import FLAGS, VARIABLES, unit_in
-from sweeps.text import fewest_digits, in_brackets, shown_duration, table
+from sweeps.text import fewest_digits, in_brackets, shown_duration, table, unit_name
 from sweeps.yaml_text import yaml_mapping
 from vibroimpact.oscillator import PARAMETERS
 from vibroimpact.points.regimes import partition
@@ -220,6 +220,11 @@ def contents_by_key(sweep: OpenedSweep) -> dict[str, Any]:
         "attributes": attributes,
         "configuration": yaml_mapping(configuration, "the configuration"),
     }
+
+
+def headed(name: str, variable: xr.DataArray) -> str:
+    """Return the head of a column, with the unit of the variable in brackets if it has a name."""
+    return name + in_brackets(unit_name(variable.attrs.get("units", "1")))
 
 
 def _unit(sweep: OpenedSweep, name: str) -> str:

@@ -220,3 +220,8 @@ def check_room(path: Path, size: int, *, resume: bool = False) -> None:
             f"{path} has only {shown_bytes(free)} left; record less{also}, or give an output "
             "elsewhere"
         )
+
+
+def identities(path: Path) -> tuple[object, object]:
+    """Return the `identity` of the file of a sweep and of the schema of its blocks."""
+    return identity(Path(os.path.realpath(path))), identity(parts_path(path) / SCHEMA)

@@ -12,7 +12,8 @@ import pytest
 
 import sweeps
 from sweeps import load_config, open_sweep
-from sweeps.explorer.live_diagram import density, fitted, numbers, ordinates
+from sweeps.engine.executors import compute_all
+from sweeps.explorer.live_diagram import density, fitted, ordinates
 from sweeps.explorer.view import BASINS_TAB
 from sweeps.plotting.style import CLASSES
 from tests.helpers.browser import SCENE, Window, chromium
@@ -63,7 +64,7 @@ def expected(page):
     """Return the picture of the page's view, computed independently of the page."""
     view, rows = page.view, page.diagram.kept.pixels.shape[0]
     config = page.diagram.configurations(view)[-1]
-    values = ordinates(config, numbers(config), view.ordinate)
+    values = ordinates(config, compute_all(config.sweep), view.ordinate)
     return density(values, view.ylim or fitted(values), rows)
 
 
@@ -289,7 +290,7 @@ def test_a_map_of_classes_gives_its_row_or_its_column_to_the_diagram(window):
     tiles, box = window.tiles("map"), window.box("map")
     assert window.tab.evaluate("document.documentElement.scrollWidth <= innerWidth")
     assert tiles.pixels.shape == (round(box["height"]), round(box["width"]))
-    results = numbers(tiles.config)
+    results = compute_all(tiles.config.sweep)
     shares = re.findall(r">■</span> (\d+)/(\d+) \(([\d.]+) %", page.map.legend.text)
     computed = {}
     for m, q in CLASSES:

@@ -12,7 +12,8 @@ from bokeh.models import LogScale
 
 import sweeps
 from sweeps import ConfigError, Refused, load_config, open_sweep, run_sweep
-from sweeps.explorer.live_diagram import Diagram, density, numbers, ordinates, ramp
+from sweeps.engine.executors import compute_all
+from sweeps.explorer.live_diagram import Diagram, density, ordinates, ramp
 from sweeps.explorer.live_motion import motion_at
 from sweeps.explorer.live_page import LivePage
 from sweeps.explorer.view import BASINS_TAB, DIAGRAM_TAB, MAP_TAB, View, window_bounds, write_yaml
@@ -53,7 +54,7 @@ def test_the_diagram_records_on_and_throws_nothing_away(view):
 
 def test_the_height_is_that_above_the_stop_of_each_column(view):
     config = replace(view, axis="clearance", xlim=(0.0, 2.0)).diagram(4)
-    results = numbers(config)
+    results = compute_all(config.sweep)
     expected = np.linspace(0.0, 2.0, 4)[:, None] - results["poincare_x"]
     np.testing.assert_array_equal(ordinates(config, results, "poincare_height"), expected)
 
@@ -161,7 +162,7 @@ def test_an_address_that_asks_for_too_much_is_refused(view, query, said):
 
 def test_the_numbers_are_those_of_a_run(view, tmp_path):
     config = replace(view, record={**view.record, "transient": 20, "periods": 10}).diagram(101)
-    results = numbers(config)
+    results = compute_all(config.sweep)
     path = run_sweep(config, tmp_path / "run.h5")
     with open_sweep(path) as dataset:
         for name in dataset.data_vars:

@@ -138,7 +138,7 @@ def test_a_picture_that_fails_is_said_to_be_the_previous_one(page, monkeypatch, 
         raise error
 
     with monkeypatch.context() as patch:
-        patch.setattr(live_diagram, "numbers" if is_step else "check_memory", fail)
+        patch.setattr(live_diagram, "compute_all" if is_step else "check_memory", fail)
         page.change(lambda view: view.moved(R=0.5))
         settle(page)
         assert page.controls.error.text == "no memory"
