@@ -1,4 +1,4 @@
-"""`Cancelled` work: signals, and the places where it can stop safely.
+"""Signals: `check` raises `Cancelled` where work can stop safely; threads that get none.
 
 A signal handler that raises an exception may raise it between any two instructions of Python:
 inside a lock of h5py, whose exit then fails, or in a callback of LLVM, which swallows the

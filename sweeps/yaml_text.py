@@ -1,4 +1,4 @@
-"""The nodes of a YAML text: the only parser; it refuses what makes a short text large.
+"""The only YAML parser: words its errors, refuses what makes a short text large.
 
 Files of sweeps come from anywhere, so their YAML is read as strictly as a configuration.
 """

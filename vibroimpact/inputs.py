@@ -1,4 +1,4 @@
-"""What a user may give: numbers, flags, choices, and the nearest name.
+"""Checks what a caller gives (numbers, flags, choices); words its refusal with near names.
 
 Every door of both packages asks here whether a value is a number, an integer, a truth value or one
 of several names, and says with the same words what is allowed.

@@ -1,4 +1,4 @@
-"""`Oscillator` of eq. (1): each `Parameter`, its default and valid range.
+"""`Oscillator` of eq. (1), also as a `POINT`: each `Parameter`, its default and valid range.
 
 The system is one mass, one stop and one harmonic force::
 
@@ -305,6 +305,16 @@ class Oscillator:
             )
         values = tuple(getattr(self, field.name) for field in fields(self))
         return np.array([(*values, x0, v0, phase)], dtype=POINT)
+
+
+def point_of(osc: Oscillator) -> np.ndarray:
+    """Return an oscillator as an array of one ``POINT``."""
+    return osc.at(min(0.0, osc.clearance))
+
+
+def oscillator_of(point: Mapping[Any, Any] | np.void) -> Oscillator:
+    """Return the oscillator with parameters given by name."""
+    return Oscillator(**{field.name: float(point[field.name]) for field in fields(Oscillator)})
 
 
 def refuse_invalid(points: object, beyond_stop: bool) -> None:

@@ -1,4 +1,4 @@
-"""`simulate`, a `Trajectory`: every step and impact of one oscillator, a far stop put in reach."""
+"""`simulate`, a `Trajectory`: every step and impact of one oscillator, samples between."""
 
 from __future__ import annotations
 

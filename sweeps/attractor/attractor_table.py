@@ -1,4 +1,4 @@
-"""`AttractorRow`: the attractors of a sweep as rows and text; the measures of their integrity."""
+"""Lists attractors and measures of their integrity: `AttractorRow`s, text, columns of a CSV."""
 
 from __future__ import annotations
 

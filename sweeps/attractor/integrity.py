@@ -1,4 +1,4 @@
-"""The integrity of basins: discs, distances to the edge.
+"""Measures the integrity of basins: discs, distances to the edge.
 
 The measures are those of Soliman & Thompson (1989, J. Sound Vib. 135, 453-475) and Rega & Lenci
 (2005, Nonlinear Anal. 63, 902-914). Nothing is known between the starts, so the accuracy of both

@@ -1,4 +1,4 @@
-"""The least `Knock` from an attractor to another.
+"""Finds the least `Knock` from an attractor to another.
 
 A knock is a sudden change of the velocity alone, in either direction, as caused by a blow. Many
 sizes are tried at 64 moments of every forcing period and just after every impact, until no moment

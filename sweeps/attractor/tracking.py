@@ -1,4 +1,4 @@
-"""Motions continued: they `settle` on an attractor, and lead from one value of an axis to the next.
+"""Continues motions until they `settle`; links attractors from value to value of an axis.
 
 **Settling.** The class of a motion is that of its destination (`vibroimpact.destination`). A motion
 without a class is continued, unless it rests twice, with the method of the file.

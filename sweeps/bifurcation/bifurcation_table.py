@@ -1,4 +1,4 @@
-"""`bifurcations`: the rows: changes of class along an axis, exact bifurcations, crises.
+"""`bifurcations`: a row for each change of class, exact bifurcation or crisis.
 
 Along a single line of a sweep, crises and the other bifurcations of the exact branches are added.
 """

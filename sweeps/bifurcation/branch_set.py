@@ -1,4 +1,4 @@
-"""`BranchSet`: branches from seeds, across each flip and graze, with short chords.
+"""Follows branches from seeds, across each flip and graze: `BranchSet`; shortens chords.
 
 At a flip the orbits of twice the period begin; at a graze an orbit with q impacts becomes one with
 q - 1 or q + 1. So a set grows from a few orbits. Where motions are chaotic it would grow for ever.

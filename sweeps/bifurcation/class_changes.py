@@ -1,4 +1,4 @@
-"""Each `Change` of class along a line of motions, with its `Explanation`; cells of change on a map.
+"""Finds each `Change` of class along a line, its `Explanation`; cells of change on a map.
 
 The branch of the periodic orbit on each side of a change is followed to the other side
 (`vibroimpact.orbits.branches`). If the branch ends or loses its stability between the sides, this

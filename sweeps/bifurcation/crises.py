@@ -1,4 +1,4 @@
-"""`crisis`: `Chaos` ends as it touches an unstable orbit.
+"""Finds the `crisis` at which `Chaos` ends as it touches an unstable orbit.
 
 Beyond a crisis (Grebogi, Ott & Yorke 1983, Physica D 7, 181-200) motions leave the chaos through a
 gap that the attractor has torn into the border, the stable manifold of an unstable orbit. The gap
@@ -17,8 +17,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sweeps.opened.motions import oscillator_of, run_on
+from sweeps.opened.motions import run_on
 from vibroimpact.orbits.periodic import OrbitError, PeriodicOrbit, periodic_orbit
+from vibroimpact.oscillator import oscillator_of
 from vibroimpact.points.stages import RunSpec
 
 #: Most motions that sample an attractor.

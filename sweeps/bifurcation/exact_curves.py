@@ -1,4 +1,4 @@
-"""`curves`: the search for borders of tongues, and their Dataset.
+"""`curves`: seeks the borders of tongues on a map, and fills their Dataset.
 
 From the middle of each large region of a class its orbit is followed along both axes until it first
 flips, folds or grazes, and these bifurcations are followed in both parameters

@@ -1,4 +1,4 @@
-"""The groups of a configuration as dataclasses: keys, defaults, what they may be, units.
+"""Declares the groups of a configuration as dataclasses: keys, defaults, allowed values.
 
 The names, bounds and defaults of parameters come from ``vibroimpact.oscillator.PARAMETERS``.
 """

@@ -1,4 +1,4 @@
-"""A configuration file: its bytes, the line of every key, and the messages of its errors.
+"""Loads a configuration file: the line of every key, the messages of wrong keys and values.
 
 Each error names the file, the line, the key, the given value and the allowed values.
 """

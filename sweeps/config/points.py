@@ -1,4 +1,4 @@
-"""The points of a sweep as a table; every cell is checked."""
+"""Reads the points of a sweep from a table, and checks every cell."""
 
 from __future__ import annotations
 

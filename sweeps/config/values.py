@@ -1,4 +1,4 @@
-"""The forms of values: numbers, lists, `Group`, exact ranges (`Axis`); a key of another group.
+"""Converts what was typed: numbers, lists, words, exact ranges (`Axis`); `Group` of keys.
 
 The values of a range are the numbers nearest to those of the decimal numbers that were typed.
 

@@ -1,4 +1,4 @@
-"""`ClusterComputer`: a Dask client for a typed address, blocks on its workers, quiet loggers.
+"""Starts or reaches Dask at a typed address; `ClusterComputer` computes blocks on its workers.
 
 Only the submitting process writes, and its folder is the only record of the finished blocks. So
 commit, resume, interrupt, lock and checksums are the same code as on one machine, and a block that

@@ -1,4 +1,4 @@
-"""The cost of a sweep before it is run: time, memory, disk, size of blocks."""
+"""Estimates the cost of a sweep before it is run: time, memory, disk; chooses blocks."""
 
 from __future__ import annotations
 

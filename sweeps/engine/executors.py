@@ -1,4 +1,4 @@
-"""The blocks of a sweep: `compute_block`, in a thread of this process or on Dask.
+"""Computes a block or all points of a sweep; hands blocks out to a thread or Dask.
 
 The main thread only waits for results and writes them, so it reacts to Ctrl-C and SIGTERM at once.
 `vibroimpact.points` alone determines the numbers in a file, which records the version of that code.

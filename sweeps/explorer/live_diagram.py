@@ -1,4 +1,4 @@
-"""The bifurcation diagram, the steps that fill it, exact branches of its configuration."""
+"""Computes the bifurcation diagram, fills its figure, and follows exact `Branches` over it."""
 
 from __future__ import annotations
 
@@ -329,7 +329,7 @@ class Branches:
 
     def _find(self, view: View, config: SweepConfig) -> Columns:
         """Follow the branches from the points of the diagram; return the data of each part."""
-        from sweeps.plotting.exact_lines import parts_of  # this import takes a second
+        from sweeps.plotting.exact_lines import branch_pieces  # this import takes a second
 
         if self._found is None or self._found[0] != config:
             sweep = config.sweep
@@ -338,7 +338,7 @@ class Branches:
             phase = config.record.phase
             self._found = config, branches_of([line], view.axis, phase, lambda share: check())
         parts = _nothing()
-        for name, x, y, _, orbit in parts_of(self._found[1], view.ordinate):
+        for name, x, y, _, orbit in branch_pieces(self._found[1], view.ordinate):
             columns, x = parts[name], config.nomenclature.value(view.axis, x)
             for column in y.T:
                 columns["x"] += [x] if name in _LINES else x.tolist()

@@ -20,9 +20,10 @@ from sweeps.explorer.controls import labelled
 from sweeps.explorer.figures import Step, label_of, narrow, value_text
 from sweeps.explorer.view import View
 from sweeps.opened.coordinates import continued, periods_shown, refuse_unrecorded
-from sweeps.opened.motions import motions_from, orbit_of_motion, oscillator_of
+from sweeps.opened.motions import motions_from, orbit_of_motion
 from sweeps.plotting.style import BLUE, ORANGE
 from vibroimpact.orbits.periodic import OrbitError
+from vibroimpact.oscillator import oscillator_of
 from vibroimpact.points.regimes import ON_ITS_WAY, SETTLED, Regime, on_its_way, rest_of
 from vibroimpact.status import Status
 

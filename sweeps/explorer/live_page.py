@@ -1,4 +1,4 @@
-"""`LivePage`: its view, its parts and events, and its thread."""
+"""`LivePage`: its view, its tabs and events, and its thread."""
 
 from __future__ import annotations
 

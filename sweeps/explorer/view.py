@@ -23,11 +23,10 @@ from sweeps.config.sweep import SweepConfig
 from sweeps.config.values import as_number
 from sweeps.errors import ConfigError
 from sweeps.opened.coordinates import COORDINATES
-from sweeps.opened.motions import oscillator_of
 from sweeps.plotting.labels import as_variable
 from sweeps.store.replacing import writing
 from sweeps.text import command
-from vibroimpact.oscillator import PARAMETERS, Parameter
+from vibroimpact.oscillator import PARAMETERS, Parameter, oscillator_of
 
 Window = tuple[float, float]
 

@@ -1,4 +1,4 @@
-"""The differences of two sweeps: which values, where, by how much."""
+"""Compares two sweeps: which values differ, where, by how much, because of which keys."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The coordinates of a `PointMotion`, recorded or continued: at sections, at impacts, in time."""
+"""Reads the coordinates of a `PointMotion` or continues it: at sections, impacts, in time."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The motion of every point as a row: regime, class, orbit, `Cycles`; whether two are the same.
+"""A row per motion: regime, class, point; finds its orbit, continues it, compares `Cycles`.
 
 Orbits are compared as cycles. A cycle consists of the states of a motion at m passages of the
 section, in time order. It may begin at any of the m states, because a motion of m forcing periods
@@ -16,17 +16,16 @@ both from the impact (Biemond, van de Wouw, Heemels & Nijmeijer 2013, IEEE Trans
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from functools import reduce
 from itertools import product
-from typing import Any
 
 import numpy as np
 
 from sweeps.errors import Refused
 from vibroimpact.orbits.branches import SpecialPoint, branch
 from vibroimpact.orbits.periodic import MOST_IMPACTS, OrbitError, PeriodicOrbit, periodic_orbit
-from vibroimpact.oscillator import POINT, Oscillator
+from vibroimpact.oscillator import POINT, oscillator_of
 from vibroimpact.points.computation import classified_later, compute_points
 from vibroimpact.points.regimes import Regime, regimes_of, repetitions
 from vibroimpact.points.stages import RunSpec
@@ -36,11 +35,6 @@ from vibroimpact.step.scheme import MOST_RECORDED
 ORBIT_TOLERANCE = 1e-3
 #: Number of values compared at a time, so that they stay in the cache.
 _VALUES_AT_ONCE = 25_000
-
-
-def oscillator_of(point: Mapping[Any, Any] | np.void) -> Oscillator:
-    """Return the oscillator with parameters given by name."""
-    return Oscillator(**{field.name: float(point[field.name]) for field in fields(Oscillator)})
 
 
 #: The motion of a point. The start of its `point` is the state of its orbit at the last section,

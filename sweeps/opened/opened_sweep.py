@@ -25,7 +25,7 @@ from sweeps.text import (
     suggestion,
     told_apart,
 )
-from vibroimpact.oscillator import PARAMETERS, POINT, Oscillator
+from vibroimpact.oscillator import PARAMETERS, POINT, Oscillator, oscillator_of
 from vibroimpact.points.regimes import (
     OF_REGIMES,
     Label,
@@ -103,8 +103,6 @@ class OpenedSweep:
     @property
     def oscillator(self) -> Oscillator:
         """The oscillator of a single point."""
-        from sweeps.opened.motions import oscillator_of
-
         return oscillator_of(self.data)
 
     @cached_property

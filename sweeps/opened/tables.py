@@ -1,4 +1,4 @@
-"""The contents of a sweep as text; tables (of points, branches, curves) as CSV, results as JSON."""
+"""Describes a sweep as text; writes points, branches and curves as CSV, results as JSON."""
 
 from __future__ import annotations
 

@@ -6,8 +6,8 @@ from .attractor_pictures import basins as basins
 from .diagram import bifurcation as bifurcation
 from .integrity_picture import integrity as integrity
 from .maps import parameter_map as parameter_map
-from .motion import impacts as impacts
-from .motion import section as section
-from .motion import trajectory as trajectory
+from .motion_pictures import impacts as impacts
+from .motion_pictures import section as section
+from .motion_pictures import trajectory as trajectory
 from .page import Page as Page
 from .table_points import table_panels as table_panels

@@ -25,7 +25,7 @@ from sweeps.opened.coordinates import periods_shown
 from sweeps.opened.doors import AnySweep
 from sweeps.opened.opened_sweep import OpenedSweep, Selection
 from sweeps.plotting import canvas
-from sweeps.plotting.motion import NARROW, trajectory
+from sweeps.plotting.motion_pictures import NARROW, trajectory
 from sweeps.plotting.page import FPS, PAGE, Page, styled
 from sweeps.plotting.style import data_colour, ground, ink
 from sweeps.store.replacing import writing

@@ -1,4 +1,4 @@
-"""`Basins` over starts, and the diagram of attractors along a parameter."""
+"""Draws `Basins` over starts, and the diagram of attractors along a parameter."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`Paint`, a colour for each number per point: classes with a legend, others with a bar."""
+"""Colours points by a number (`Paint`): classes with a legend, others with a bar."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is drawn, by name: the line of a diagram, numbers per point as `mean_force`.
+"""Finds what is drawn by its name: the line, the coordinate, numbers per point (`mean_force`).
 
 This is the only way in which ``quantity``, ``below`` and ``color`` become values, label and units.
 """

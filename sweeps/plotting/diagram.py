@@ -1,4 +1,4 @@
-"""The bifurcation diagram over one swept axis, up and down in two colours, its panel below."""
+"""Draws the bifurcation diagram, up and down in two colours, and its panel below."""
 
 from __future__ import annotations
 

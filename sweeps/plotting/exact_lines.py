@@ -35,7 +35,7 @@ _OVER_COLOURS: dict[str, Any] = {"linewidth": 0.4}
 _THIN_BRANCHES: dict[str, Any] = {"linewidth": 0.3, "alpha": 0.5}
 
 
-class Part(NamedTuple):
+class BranchPiece(NamedTuple):
     """A stable or unstable piece of a branch, or the bifurcations of one kind."""
 
     name: str  # in the legend, out of ``LINES`` or ``MARKERS``
@@ -47,8 +47,8 @@ class Part(NamedTuple):
     orbit: str = ""  # class of the branch
 
 
-def parts_of(branches: xr.Dataset, coordinate: str) -> Iterator[Part]:
-    """Yield the parts of `sweeps.branches` that a diagram of a coordinate shows."""
+def branch_pieces(branches: xr.Dataset, coordinate: str) -> Iterator[BranchPiece]:
+    """Yield the pieces of `sweeps.branches` that a diagram of a coordinate shows."""
     from sweeps.bifurcation.exact_branches import wide_branches
 
     (axis,), wide = branches.coords, wide_branches(branches)
@@ -66,12 +66,12 @@ def parts_of(branches: xr.Dataset, coordinate: str) -> Iterator[Part]:
         states = zip(stable[1:] | stable[:-1], _breaks(branch, coordinate), strict=True)
         for start, stop, (steady, run) in runs(states):
             if run >= 0:
-                name, part = STABLE if steady else UNSTABLE, slice(start, stop + 1)
-                yield Part(name, x[part], y[part], q > 0 and not is_wide, f"{m}/{q}")
+                name, at = STABLE if steady else UNSTABLE, slice(start, stop + 1)
+                yield BranchPiece(name, x[at], y[at], q > 0 and not is_wide, f"{m}/{q}")
     for kind in MARKERS:
         here = (branches["kind"].values == kind) & wide[branches["branch"].values]
         if here.any():
-            yield Part(kind, branches[axis].values[here], values[here])
+            yield BranchPiece(kind, branches[axis].values[here], values[here])
 
 
 def without_idle(branches: xr.Dataset, line: OpenedSweep) -> tuple[xr.Dataset, int]:
@@ -132,7 +132,7 @@ def draw_branches(
     """
     look = _OVER_ONE if is_plain else {"color": ink(), **_OVER_COLOURS}
     lines: dict[str, list[Line2D]] = {name: [] for name in (*LINES, _THIN_LINES, *MARKERS)}
-    for name, x, y, thin, _ in parts_of(branches, coordinate):
+    for name, x, y, thin, _ in branch_pieces(branches, coordinate):
         hidden = in_chaos(x)
         if name in LINES:
             faint = (hidden & (name == UNSTABLE) | thin).tolist()

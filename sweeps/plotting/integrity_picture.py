@@ -1,4 +1,4 @@
-"""The picture of integrity: measures over a parameter, basins with knocks."""
+"""Draws measures of integrity over a parameter, basins with knocks."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Texts of axes and titles: names, symbols, units, methods; scales of axes."""
+"""Writes labels and titles: names, symbols, units, prefixes, methods; sets scales and ticks."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The rule for legends: columns, height, what is left out."""
+"""Fits a legend: columns, height, what is left out."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The `Looks` (colour, hatch, name) of each class, regime, status and attractor; their `Cells`."""
+"""Chooses the look and name of each class, regime, status, attractor; groups points as `Cells`."""
 
 from __future__ import annotations
 

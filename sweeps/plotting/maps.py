@@ -1,4 +1,4 @@
-"""Maps over two swept axes: cells of the class or another quantity."""
+"""Draws the cells of a map over two swept axes, and chooses entries of its legend."""
 
 from __future__ import annotations
 

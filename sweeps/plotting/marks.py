@@ -1,4 +1,4 @@
-"""Dots and marks in a panel: of motions, of points that failed, of jumps; the stop."""
+"""Draws dots of motions, marks of failed points, jumps between directions, the stop."""
 
 from __future__ import annotations
 

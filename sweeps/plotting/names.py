@@ -1,4 +1,4 @@
-"""Names where there is room, clear of other texts: in regions of a map, beside lines."""
+"""Places names where there is room: in regions of a map, beside lines; bounds regions."""
 
 from __future__ import annotations
 

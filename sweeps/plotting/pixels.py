@@ -1,4 +1,4 @@
-"""Points in view, cells, pixels, density of many points."""
+"""Converts points to cells and pixels: those in view, the density of many."""
 
 from __future__ import annotations
 

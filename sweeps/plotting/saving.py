@@ -1,4 +1,4 @@
-"""A figure to a file: formats, pixels, size, and metadata of how it was computed."""
+"""Writes a figure to a file: formats, pixels, size, and metadata of how it was computed."""
 
 from __future__ import annotations
 

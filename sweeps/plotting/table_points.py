@@ -1,4 +1,4 @@
-"""Points of tables: the picture of a sweep over one; an `Overlay` of measured points."""
+"""Draws a sweep over a table, and an `Overlay` of measured points."""
 
 from __future__ import annotations
 

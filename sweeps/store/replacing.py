@@ -1,4 +1,4 @@
-"""The safe replacement of a file by a complete draft, if its `identity` is unchanged.
+"""Replaces a file by a complete draft if its `identity` is unchanged; checks its path.
 
 Every file that the program writes as a whole is written with these functions.
 """

@@ -1,4 +1,4 @@
-"""Each `Variable` that a file can hold: dimensions, units, types, bytes."""
+"""Declares each `Variable` that a file can hold: dimensions, units, types, bytes."""
 
 from __future__ import annotations
 

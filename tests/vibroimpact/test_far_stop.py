@@ -10,7 +10,7 @@ from tests.helpers import naive
 from tests.vibroimpact.test_destination import spec_of
 from tests.vibroimpact.test_free_motions import found_of
 from vibroimpact import Oscillator, Status, integrate, one_impact_orbits, simulate
-from vibroimpact.oscillator import POINT
+from vibroimpact.oscillator import POINT, oscillator_of
 from vibroimpact.points.computation import classified_later, compute_points
 from vibroimpact.points.regimes import is_chaotic
 from vibroimpact.status import Evidence
@@ -83,11 +83,6 @@ def random_points(n, seed):
     points["x0"], points["v0"] = -rng.uniform(0.0, 2.0, n), rng.normal(size=n)
     points["phase"] = rng.uniform(0.0, 2.0 * np.pi, n)
     return points
-
-
-def oscillator_of(point):
-    names = ("h", "R", "omega", "f", "p", "clearance", "a")
-    return Oscillator(**{name: float(point[name]) for name in names})
 
 
 @pytest.mark.parametrize(("transient", "n"), [(0, 50), (300, 100)])

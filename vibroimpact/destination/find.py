@@ -1,4 +1,4 @@
-"""The destination of every point, judged from its record, its `Memory`; the search by passages.
+"""Judges where each motion goes: first by its record, then by passages (`Memory`).
 
 With exact impacts, the first of these that applies decides:
 

@@ -1,4 +1,4 @@
-"""After how many periods a record, of which size, repeats or nearly does; what rounding decides.
+"""Finds after how many periods a record repeats or nearly does; what rounding decides.
 
 After a rest a motion depends on nothing before its release, which always has the same phase. So a
 computed motion that rests again after m periods repeats for ever, to the same bits, however much

@@ -1,4 +1,4 @@
-"""Compiled code on disk, where no other user can write.
+"""Keeps compiled code on disk, named by a digest of its source, safe from other users.
 
 Code in a cache is executed. So the folder of the cache must belong to this user alone, and every
 file begins with a checksum of the rest. If a folder or file cannot be used, the code is compiled
@@ -58,19 +58,19 @@ def syntax(source: bytes) -> str:
     Unlike the text of ``ast.dump``, it does not depend on the version of Python: newer versions add
     fields, so empty fields are left out.
     """
-    return _words(ast.parse(source))
+    return _dump(ast.parse(source))
 
 
-def _words(part: object) -> str:
+def _dump(part: object) -> str:
     """Return the text of a node, a list of nodes or a constant."""
     if isinstance(part, list):
-        return f"[{', '.join(map(_words, part))}]"
+        return f"[{', '.join(map(_dump, part))}]"
     if not isinstance(part, ast.AST):
         return repr(part)
     fields = dict(ast.iter_fields(part))
     if isinstance(part, _DOCUMENTED) and ast.get_docstring(part, clean=False) is not None:
         fields["body"] = part.body[1:]
-    shown = (f"{name}={_words(value)}" for name, value in fields.items() if value not in (None, []))
+    shown = (f"{name}={_dump(value)}" for name, value in fields.items() if value not in (None, []))
     return f"{type(part).__name__}({', '.join(shown)})"
 
 

@@ -1,4 +1,4 @@
-"""The compiler options of every function, and its threads.
+"""Compiles every function with its options (`jit`), and calls it on threads.
 
 No fast-math flag is set anywhere. Where a product and a sum should be fused, the code calls
 ``fma``. So scalar and vector code, and all block sizes and thread counts, give the same rounding.

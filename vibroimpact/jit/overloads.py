@@ -1,4 +1,4 @@
-"""The code of a function on disk for each type of arguments, in place of numba's cache.
+"""Loads or compiles a function for each type of arguments, in place of numba's cache.
 
 Like ``hooks.py``, which imports it, this file uses private parts of numba.
 """

@@ -1,4 +1,4 @@
-"""Who is told of compilations, and who may end a wait for one; without the compiler itself."""
+"""Tells watchers of compilations, lets them end a wait for one; without the compiler itself."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A lane from one point to the next, and the loops of a thread over the periods of its lanes.
+"""Fills a lane with point after point; runs the lanes of a thread over their periods.
 
 Every forcing period takes the same steps, and the state at the section determines what they do: x,
 v and whether the mass rests. So once it equals that at an earlier section to the last bit, the

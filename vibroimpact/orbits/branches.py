@@ -1,4 +1,4 @@
-"""`branch` and `Branch`: from an orbit both ways along one parameter, with every bifurcation.
+"""`branch` from an orbit both ways along one parameter, also beyond a flip or graze; `Branch`.
 
 A branch is continued from an orbit in both directions (``continuation.py``). Its flips and folds
 are located on the way (``special_points.py``). It ends at a flip of an orbit of half the period, or

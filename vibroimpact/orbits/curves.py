@@ -1,4 +1,4 @@
-"""`bifurcation_curve`: flips, folds and grazes of an orbit, sought, and followed in two parameters.
+"""`bifurcation_curve`: finds the flip, fold or graze near an orbit, follows it.
 
 A curve is a branch with one more condition and two free parameters (``corrector.py``), continued in
 both directions like a branch.

@@ -1,4 +1,4 @@
-"""`OrbitFamily`: orbits over free parameters, or why `Inadmissible`; an `ArclengthStep`.
+"""`OrbitFamily`: corrects and judges points; why one is `Inadmissible`; an `ArclengthStep`.
 
 A point is a vector of unknowns (``unknowns.py``).
 """
@@ -16,9 +16,9 @@ from vibroimpact.inputs import input_text, one_of
 from vibroimpact.natural_units import NaturalUnits
 from vibroimpact.orbits import calls
 from vibroimpact.orbits.corrector import CONDITIONS, GRAZE, System, determinant
-from vibroimpact.orbits.orbit import NAMES, Orbits, PeriodicOrbit, numbers_in, orbit_of, point_of
+from vibroimpact.orbits.orbit import NAMES, Orbits, PeriodicOrbit, numbers_in, orbit_of
 from vibroimpact.orbits.unknowns import differences_of_halves, free, inner, phases, speeds, unknowns
-from vibroimpact.oscillator import PARAMETERS, Oscillator, mesh
+from vibroimpact.oscillator import PARAMETERS, Oscillator, mesh, point_of
 
 #: Most time steps of all evaluations of the flights in one direction; then no point is found.
 MOST_WORK = 2**24

@@ -20,7 +20,7 @@ from vibroimpact.orbits import calls
 from vibroimpact.orbits.corrector import CONDITIONS, System
 from vibroimpact.orbits.normal_form import cubic_coefficient
 from vibroimpact.orbits.unknowns import unknowns
-from vibroimpact.oscillator import PARAMETERS, Oscillator
+from vibroimpact.oscillator import PARAMETERS, Oscillator, point_of
 from vibroimpact.step.integrators import Parameters
 from vibroimpact.step.propagator import steady_response
 
@@ -243,11 +243,6 @@ def taken_twice(orbit: PeriodicOrbit) -> PeriodicOrbit:
     """Return an orbit as one of twice the period."""
     phases = np.concatenate([orbit.phases, orbit.phases + 2.0 * math.pi * orbit.m])
     return PeriodicOrbit(orbit.oscillator, 2 * orbit.m, phases, np.tile(orbit.speeds, 2))
-
-
-def point_of(osc: Oscillator) -> np.ndarray:
-    """Return an oscillator as an array of one ``POINT``."""
-    return osc.at(min(0.0, osc.clearance))
 
 
 def numbers_in(units: NaturalUnits, points: np.ndarray) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""`Path`, one way or both ways: orbits step after step, each `SpecialPoint` between.
+"""`Path`: collects the steps of one way or both; locates each `SpecialPoint` between.
 
 The test functions of flip and fold are det J(mu) at mu = -1 and +1 (``unknowns.py``). Cusps are
 points on a curve of folds where both parameters turn back together. A curve of grazes meets curves

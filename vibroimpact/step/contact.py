@@ -1,4 +1,4 @@
-"""The stop: contact, rest and release; the `Scratch` of an orbit; a far stop put in reach.
+"""The stop: start, rest, release, impulse; events of an orbit in `Scratch`; a far stop.
 
 A mass at rest on the stop stays while a = -f sin(omega t) - p^2 clearance is not negative. It is
 released at the exact time at which a becomes negative. With a preload of p^2 |clearance| = f, a

@@ -1,4 +1,4 @@
-"""The impact rule ``exact``: one step of one orbit, no impact missed.
+"""Takes one orbit to the end of a step, flight by flight, where `meet_stop` proves nothing.
 
 A step of ``propagator.py`` whose guard proves it safe needs no correction. Of the others, nearly
 all are settled by ``impact.py``. The remaining ones come here: the start and the end of a rest, the

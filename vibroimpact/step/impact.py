@@ -1,4 +1,4 @@
-"""`Impact` that ends a `Flight`: `Guess`, series, proof that it is the first, rebound.
+"""`meet_stop`, from `Flight` to `Impact`: `Guess`, series, proof that it is the first, rebound.
 
 A step is a number of flights. The first begins with the step; each of the others begins with the
 rebound from the impact that ended the one before. The last one ends with the step. A flight has

@@ -1,4 +1,4 @@
-"""The maps of the integrators of eq. (1) between impacts, one step function each.
+"""`Parameters`; a step function for each integrator of eq. (1) between impacts; its map.
 
 Eq. (1) is linear, so a step of any of these integrators is an affine map,
 

@@ -1,4 +1,4 @@
-"""The next step of one orbit by any method, as `simulate` and lanes alone take it.
+"""Takes one orbit to its next step: map, `meet_stop` or `exact_step`, time stepping.
 
 The state of an orbit between steps is (x, v, resting), or with the rule ``exact`` (y, w, resting)
 in the units of ``propagator.py``. At the end of a period it is rounded to (x, v), so that a run

@@ -12,7 +12,7 @@ from sweeps.opened.motions import orbit_of_motion
 from sweeps.opened.opened_sweep import OpenedSweep
 from sweeps.opened.tables import branch_table, write_csv
 from sweeps.plotting import bifurcation, plot
-from sweeps.plotting.exact_lines import parts_of
+from sweeps.plotting.exact_lines import branch_pieces
 from sweeps.plotting.page import Page
 from tests.helpers import naive
 from tests.helpers.equal_points import legend_texts
@@ -167,7 +167,9 @@ def test_the_line_is_exact_between_its_points(later):
         orbit = one_impact_orbit(oscillator)
         states += [*naive.after_impact(oscillator, 1, orbit.v, orbit.phase, 1.3)]
     for coordinate, exact in zip(("poincare_x", "poincare_v"), np.transpose(states), strict=True):
-        lines = [part for part in parts_of(later[0], coordinate) if part.y.shape[1:] == (1,)]
+        lines = [
+            piece for piece in branch_pieces(later[0], coordinate) if piece.y.shape[1:] == (1,)
+        ]
         drawn = [
             np.interp(omegas, line.x, line.y[:, 0], left=np.nan, right=np.nan) for line in lines
         ]

@@ -262,7 +262,7 @@ def test_what_motions_share_is_said_and_what_cannot_be_told_apart_refused(datase
     assert t[-1] == pytest.approx(100 * 2.0 * np.pi / 2.2) and np.isnan(t).any()
     with pytest.raises(Refused, match="tells several motions apart, and only one point is left"):
         trajectory(dataset, color="period", at={"R": 0.8, "omega": 2.8})
-    monkeypatch.setattr("sweeps.plotting.motion._MOST_MOTIONS", 25)
+    monkeypatch.setattr("sweeps.plotting.motion_pictures._MOST_MOTIONS", 25)
     with pytest.raises(Refused, match="26 motions is not readable; choose at most 25 points"):
         trajectory(dataset, color="period")
 

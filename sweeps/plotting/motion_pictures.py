@@ -1,4 +1,4 @@
-"""Motions in time and phase plane, their section, their impacts."""
+"""Draws motions in time and phase plane, their section, their impacts."""
 
 from __future__ import annotations
 
