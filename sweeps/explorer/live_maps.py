@@ -1,4 +1,4 @@
-"""Each `Map` filled in `Tiles`: classes over two parameters, and basins with discs."""
+"""Fills each `Map` in `Tiles`: classes over two parameters, and basins with discs."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Carries a tangent vector through flights, impacts, rests, for Lyapunov exponents.
+"""Lyapunov exponents: a tangent vector carried through flights, impacts (saltation), rests.
 
 Between impacts a tangent vector follows the matrix M of the flow. Let an impact have the speed v,
 the acceleration a_- before and a_+ after it. On a neighbouring orbit it comes earlier by

@@ -167,9 +167,7 @@ def test_the_line_is_exact_between_its_points(later):
         orbit = one_impact_orbit(oscillator)
         states += [*naive.after_impact(oscillator, 1, orbit.v, orbit.phase, 1.3)]
     for coordinate, exact in zip(("poincare_x", "poincare_v"), np.transpose(states), strict=True):
-        lines = [
-            piece for piece in branch_pieces(later[0], coordinate) if piece.y.shape[1:] == (1,)
-        ]
+        lines = [p for p in branch_pieces(later[0], coordinate) if p.y.shape[1:] == (1,)]
         drawn = [
             np.interp(omegas, line.x, line.y[:, 0], left=np.nan, right=np.nan) for line in lines
         ]
