@@ -1,4 +1,4 @@
-"""`Regime`: what a record shows: where the motion goes, or that this is unknown; `Label`s.
+"""Tells from a record the `Regime` and the class (`Label`) of a motion, and what is said of it.
 
 The record of a point determines its regime. The first of these rules that applies decides:
 
