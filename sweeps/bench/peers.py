@@ -25,16 +25,16 @@ IMPACTS_KEPT = 8
 _LEAST_SECONDS = 0.1
 
 #: Last state (x, v) of a motion computed by a solver, and times and speeds of its impacts.
-Motion = tuple[float, float, list[tuple[float, float]]]
-#: (point, x, v, t, end) -> Motion: follows one oscillator from the state (x, v) at t.
-Follow = Callable[[Any, float, float, float, float], Motion]
+SolverMotion = tuple[float, float, list[tuple[float, float]]]
+#: (point, x, v, t, end) -> SolverMotion: follows one oscillator from the state (x, v) at t.
+Follow = Callable[[Any, float, float, float, float], SolverMotion]
 
 
 def _scipy(method: str, tolerance: float) -> Follow:
     """Return SciPy's `solve_ivp` with a terminal event, restarted after every impact."""
     from scipy.integrate import solve_ivp
 
-    def follow(point: Any, x: float, v: float, t: float, end: float) -> Motion:
+    def follow(point: Any, x: float, v: float, t: float, end: float) -> SolverMotion:
         h, R, omega, f, p, stop = (float(point[name]) for name in list(point.dtype.names)[:6])
         impacts = []
 
@@ -81,7 +81,7 @@ def _heyoka(tolerance: float) -> Follow:
         pars=[0.0] * len(names),
     )
 
-    def follow(point: Any, x: float, v: float, t: float, end: float) -> Motion:
+    def follow(point: Any, x: float, v: float, t: float, end: float) -> SolverMotion:
         nonlocal restitution
         restitution = float(point["R"])
         impacts.clear()
