@@ -1,4 +1,4 @@
-"""YAML to a checked `SweepConfig`, with the line of every key."""
+"""YAML to a checked `SweepConfig`, with the line of every key; the `scenes`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Tells from a record the `Regime` and the class (`Label`) of a motion, and what is said of it.
+"""Tells the `Regime` and class (`Label`) of a motion by its record, or that it is unknown.
 
 The record of a point determines its regime. The first of these rules that applies decides:
 
