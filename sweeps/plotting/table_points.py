@@ -1,4 +1,4 @@
-"""Draws a sweep over a table, and an `Overlay` of measured points."""
+"""Draws a sweep over a table; reads and draws an `Overlay` of measured points."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`open_sweep`, of a complete file or of blocks in parts, read lazily; an engine of xarray.
+"""`open_sweep` of a complete file or of blocks, read lazily; an engine of xarray.
 
 They are read from the complete file, or from the blocks while the sweep is incomplete. The class of
 the arrays implements the interface of an xarray backend
