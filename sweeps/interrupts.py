@@ -15,6 +15,7 @@ import os
 import signal
 import sys
 import threading
+import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
@@ -92,18 +93,20 @@ def raised_at_once() -> Iterator[None]:
     until the block ends: a callback of a library may swallow it, and it may come before the library
     can release a lock, for which the library waits when it closes its files.
     """
-    main, over = threading.main_thread(), threading.Event()
+    main, running = threading.main_thread(), True
     is_main = threading.current_thread() is main
     noted = [number for number in SIGNALS if is_main and signal.getsignal(number) is _set]
     report = sys.unraisablehook
 
     def interrupt(number: int, _: object) -> None:
         _set()
-        _thread.start_new_thread(repeat, (number,))  # without the locks of `threading`
-        check()
+        if running:  # an exception after it would leave handlers
+            _thread.start_new_thread(repeat, (number,))  # without the locks of `threading`
+            check()
 
     def repeat(number: int) -> None:
-        if not over.wait(_AGAIN):  # only a true signal ends the wait for a lock
+        time.sleep(_AGAIN)
+        if running:  # only a true signal ends the wait for a lock
             kill = getattr(signal, "pthread_kill", lambda _, again: _thread.interrupt_main(again))
             kill(main.ident, number)
 
@@ -119,7 +122,7 @@ def raised_at_once() -> Iterator[None]:
         yield
         check()
     finally:
-        over.set()
+        running = False
         for number in noted:
             signal.signal(number, _set)
         sys.unraisablehook = report

@@ -303,6 +303,14 @@ def test_a_command_that_waits_for_others_is_interrupted_wherever_it_is(
     assert capfd.readouterr().err == ""
 
 
+def test_a_signal_that_comes_when_the_block_ends_is_noted_only(listening):
+    """Its exception would leave the handlers and the hook of the block."""
+    with interrupts.raised_at_once():
+        handler = signal.getsignal(signal.SIGINT)
+    handler(signal.SIGINT, None)
+    assert interrupts.signal_came()
+
+
 def test_other_exceptions_in_a_callback_are_reported_as_before(monkeypatch):
     class Wrong:
         def __del__(self):
