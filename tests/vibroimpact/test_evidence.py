@@ -74,15 +74,22 @@ def test_impacts_are_counted_through_rests():
         np.testing.assert_array_equal(out["period_impacts"][rows], counted)
 
 
-def test_a_motion_far_from_its_orbit_has_its_class():
-    """After no transient the class, the orbit and the distance are those of the settled motion."""
-    osc = Oscillator(h=0.01, R=0.9, omega=2.0, f=1.0)
-    points = osc.at(*on_the_orbit(osc, 1, 1e-2))
+@pytest.mark.parametrize(
+    ("h", "R", "omega", "m", "distance"),
+    [(0.01, 0.9, 2.0, 1, 1e-2), (0.05, 0.8, 2.663, 2, 1e-3), (0.05, 0.8, 2.663, 2, -1e-3)],
+)
+def test_a_motion_far_from_its_orbit_has_its_class(h, R, omega, m, distance):
+    """After no transient the class, the orbit and the distance are those of the settled motion.
+
+    Beside an orbit that has flipped, the side tells which section of the orbit of m = 2 is near.
+    """
+    osc = Oscillator(h=h, R=R, omega=omega, f=1.0)
+    points = osc.at(*on_the_orbit(osc, 1, distance))
     _, out = run(points, transient=0, periods=8)
     _, settled = run(points, transient=4000, periods=8)
-    assert (out["period"], out["period_impacts"]) == (1, 1)
+    assert (out["period"], out["period_impacts"]) == (m, m)
     assert out["class_evidence"] in (Evidence.CAPTURED, Evidence.FALLING)
-    assert (settled["class_evidence"], settled["period"]) == (Evidence.REPEATS, 1)
+    assert (settled["class_evidence"], settled["period"]) == (Evidence.REPEATS, m)
     off = []
     for name in "xv":
         sections, true = out[f"poincare_{name}"][0], settled[f"poincare_{name}"][0, -1]
