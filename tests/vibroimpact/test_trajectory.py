@@ -119,9 +119,14 @@ def test_a_wrong_argument_is_refused_with_its_name(change, words):
         simulate(oscillator(0.5, 0.5), **change)
 
 
-def test_more_rows_than_fit_are_refused():
+@pytest.mark.parametrize("n", [None, 1_000_000])
+def test_more_rows_than_fit_are_refused(n):
+    """Also rows that no memory would hold, and impacts that make too many of just enough steps."""
     with pytest.raises(ValueError, match="more than 10,000,000 rows"):
-        simulate(oscillator(0.5, 0.5), 1_000_000)
+        simulate(oscillator(0.5, 0.5), 1_000_000, steps_per_period=n)
+    point = oscillator(0.5, 0.5).at()
+    log, status = trace(point, scheme_of(point, "rk4", "plain", 60), 5, most_rows=300)
+    assert len(log) == 0 and status is Status.PENDING
 
 
 def test_an_overflow_before_the_record_is_a_status():
