@@ -134,14 +134,14 @@ def _trial(
         return None
     way_on = math.copysign(1.0, cosine)
     step = ArclengthStep(family, begin, family.point(Y, way_on * tangent), length)
-    reason, is_long = step.end.inadmissible, length > _FINE_STEP
+    reason = step.end.inadmissible
     turned_over = length > _TURNED_OVER and way_on == -way and reason is None
-    if (turned_over and not step.exchanges_halves()) or (is_long and step.jumps()):
+    if turned_over and not step.exchanges_halves():
         return None
     if reason is not None:
         step = to_last_orbit(step, reason)
-        if reason.kind == "edge" and is_long and step.jumps():  # other ends may be singular
-            return None
+    if length > _FINE_STEP and step.jumps():
+        return None
     return step, way_on
 
 
