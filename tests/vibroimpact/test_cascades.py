@@ -13,6 +13,7 @@ from tests.helpers.oscillators import SectionMap, random_oscillators, special
 from vibroimpact import integrate
 from vibroimpact.orbits.branches import branch, doubled_branch
 from vibroimpact.orbits.one_impact import one_impact_orbit, one_impact_orbits
+from vibroimpact.orbits.orbit import PeriodicOrbit
 from vibroimpact.orbits.periodic import OrbitError, periodic_orbit
 from vibroimpact.oscillator import Oscillator
 from vibroimpact.trajectory import simulate
@@ -150,6 +151,33 @@ def test_period_adding_has_the_ratios_of_the_multiplier(decay, most):
     distances, speeds = np.array(flips).T
     assert distances[-2] / distances[-1] == pytest.approx(decay**-2, rel=1e-3)
     assert speeds[-2] / speeds[-1] == pytest.approx(1.0 / decay, rel=1e-3)
+
+
+#: Branches of orbits of twice the period that begin at the flip of their half or beside it, at an
+#: edge: an oscillator, phases, speeds, the range, and the special points with their periods.
+BESIDE_FLIPS = [
+    ((0.2701713793172191, 0.6245254305220789, 3.7163736178086912, -0.23880672490763227),
+     (1.3272832574167093, 6.6556027622407194), (0.37149435449185675, 0.48115579959438914),
+     (3.5975316443377405, 4.552088788122919), [("flip", 1), ("flip", 2), ("edge", 2)]),
+    ((0.04696453381452176, 0.9607753098091089, 1.0135134626218685, 0.0),
+     (4.701288705552784, 10.96997752606168), (1.595609431945356, 1.5141506068063615),
+     (0.8801551212715897, 1.0135139866663556), [("flip", 1), ("graze", 2)]),
+    ((0.012818069992111204, 0.738095818397541, 4.028629611985198, -0.44314465722733387),
+     (1.2732074880830258, 7.531395083563601), (0.5752326523833, 0.5758941873551471),
+     (4.028546107656853, 4.31640534252883), [("edge", 2), ("edge", 2)]),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("values", "phases", "speeds", "ends", "expected"), BESIDE_FLIPS)
+def test_a_branch_of_twice_the_period_is_listed_once_and_has_no_fold_beside_its_flip(
+    values, phases, speeds, ends, expected
+):
+    """Beyond it lie the same orbits with their halves exchanged; at it their fold is rounding."""
+    h, R, omega, clearance = values
+    osc = Oscillator(h=h, R=R, omega=omega, f=1.0, clearance=clearance)
+    start = PeriodicOrbit(osc, 2, np.array(phases), np.array(speeds))
+    found = branch(start, "omega", *ends)
+    assert [(point.kind, point.orbit.m) for point in found.special] == expected
 
 
 def random_flips(seed):

@@ -23,7 +23,6 @@ from vibroimpact.orbits.continuation import (
     MOST_POINTS,
     continue_branch,
     ending,
-    is_orbit,
 )
 from vibroimpact.orbits.family import ArclengthStep, OrbitFamily
 from vibroimpact.orbits.hidden_roots import HEADING, may_have_more_roots
@@ -124,9 +123,8 @@ def special_points(
             yield from (("flip", meeting), ("fold", meeting))
     elif step.family.kind == "fold":
         # At a degenerate flip the heading turns back, too, but Newton's method fails there.
-        # A curve may touch the edge of a range in a step as short as rounding.
         cusp = _cusp(step)
-        if cusp is not None and step.family.inadmissible(cusp)[0] is None:
+        if cusp is not None:
             yield "cusp", cusp
 
 
@@ -220,9 +218,7 @@ def parents_flip(step: ArclengthStep) -> tuple[np.ndarray, PeriodicOrbit] | None
         return None
     halves, X = half_of(family, step.between(sizes[0] / sum(sizes)))
     Y = halves.bifurcation(X, "flip")
-    if Y is None or not is_orbit(halves, halves.point(Y, np.zeros(Y.size))):
-        return None
-    return doubling(halves, Y)[0], halves.orbit(Y, "flip")
+    return None if Y is None else (doubling(halves, Y)[0], halves.orbit(Y, "flip"))
 
 
 @dataclass
