@@ -87,8 +87,6 @@ def _degenerate_flip(family: OrbitFamily, points: Sequence[np.ndarray], lost: bo
     if not (error < NEARBY_DISTANCE and abs(place) < _NEAR_LIMIT):
         return None
     Y = _along(halves, guess, place)
-    if not lost and not speeds(Y, halves.q).max() > NEARBY_DISTANCE:  # it may stand still
-        return None
     reason, _ = halves.inadmissible(Y)
     if reason is None:
         return "flip", doubling(halves, Y)[0], halves.orbit(Y)
@@ -236,7 +234,7 @@ def _limit(
     """
     last, kept = value(points[-1]), [len(points) - 1]
     best, least = last, math.inf
-    if not 0.0 < place(points[-1]) < below:
+    if not place(points[-1]) < below:
         return best, least
     places = np.array([place(X) for X in points])
     for i in range(len(places) - 2, -1, -1):
