@@ -28,6 +28,15 @@ def test_the_flips_without_damping_are_on_the_closed_form():
     curve = np.cos(math.pi / omega) ** 2 * (omega**2 - ((1.0 - R) / (1.0 + R)) ** 2)
     assert np.abs(curve - 1.0).max() < 1e-13
     assert sorted(point.value[1] for point in found.special) == [0.2, 0.98]
+
+
+def test_a_curve_of_flips_has_no_degenerate_one_at_its_end_where_all_are():
+    """Where no energy is lost, h = 0 and R = 1, the cubic coefficient is rounding."""
+    osc = Oscillator(h=0.4641199095574239, R=1.0, omega=4.455459614639571, f=1.0)
+    flip = PeriodicOrbit(osc, 2, np.array([0.9198743974]), np.array([0.1933444302]))
+    found = bifurcation_curve(flip, "flip", ("omega", 2.1560822502, 4.7912938894), ("h", 0.0, 0.48))
+    assert [point.kind for point in found.special] == ["edge", "edge"]
+    assert found.special[-1].value[1] == 0.0
     assert {point.kind for point in found.special} == {"edge"}
 
 

@@ -358,15 +358,21 @@ def test_folds_that_grow_without_bound_leave_the_other_direction_its_work(monkey
         last = min(ends, key=lambda end: -end.value[1])
         assert [end.kind for end in ends] == ["edge", "edge"]
         assert last.value == pytest.approx([4.0, 1.0], abs=1e-9)
+
+    def speed(omega, R):
+        k = math.sqrt((0.1 * (omega**2 - 1.0)) ** 2 - 1.0)
+        return 0.2 * k * omega / ((1.0 - R) * (1.0 + k * k))
+
+    ends = bifurcation_curve(start, "fold", ranges[0], ("R", 0.1, 0.9999)).special
+    (last,) = [end for end in ends if end.value[1] == 0.9999]  # before they become infinite
+    assert last.orbit.speeds[0] == pytest.approx(speed(*last.value), rel=1e-6)
     speeds = []
     for work in (10_000, 20_000, 30_000):
         monkeypatch.setattr("vibroimpact.orbits.family.MOST_WORK", work)
         ends = bifurcation_curve(start, "fold", *ranges).special
         edge, lost = sorted(ends, key=lambda end: end.kind)
         assert (edge.kind, lost.kind, edge.value[1]) == ("edge", "lost", 0.1)
-        omega, R = lost.value
-        k = math.sqrt((0.1 * (omega**2 - 1.0)) ** 2 - 1.0)
-        speeds.append(0.2 * k * omega / ((1.0 - R) * (1.0 + k * k)))
+        speeds.append(speed(*lost.value))
         assert lost.orbit.speeds[0] == pytest.approx(speeds[-1], rel=1e-6)
     # Equal work leads on by equal factors.
     assert speeds[2] > 4.0 * speeds[1] > 16.0 * speeds[0] and speeds[2] > 200.0

@@ -9,7 +9,7 @@ from scipy.optimize import brentq
 
 from tests.helpers.naive import ClosedForm
 from tests.helpers.oscillators import TAU, peak, settled_orbit
-from vibroimpact.orbits.branches import branch
+from vibroimpact.orbits.branches import branch, doubled_branch
 from vibroimpact.orbits.curves import bifurcation_curve
 from vibroimpact.orbits.family import OrbitFamily
 from vibroimpact.orbits.one_impact import one_impact_orbit
@@ -251,6 +251,15 @@ def test_the_graze_of_an_orbit_that_is_symmetric_in_time_is_followed_through_bot
     assert np.ptp(p) > 0.25 and np.ptp(omega / p) < 1e-9
     x, v = found.orbit(0).sections(3.0 * math.pi - touch)[0]  # at the mirror image
     assert (x, v) == pytest.approx((0.0, 0.0), abs=1e-7)
+
+
+def test_of_two_touches_that_are_as_high_a_branch_ends_at_the_first():
+    """They are mirror images, so rounding decides which is higher; the flight is from 5.15."""
+    osc = Oscillator(h=0.0, R=1.0, omega=3.0243202707740773, f=1.0, p=1.1400689679211657)
+    flip = PeriodicOrbit(osc, 1, np.array([0.5 * math.pi]), np.array([0.3569890788]), "flip")
+    graze = doubled_branch(flip, "p", 0.3, 2.0).special[-1]
+    assert (graze.kind, int(np.argmin(graze.orbit.speeds))) == ("graze", 2)
+    assert graze.orbit.phases == pytest.approx([4.2715294, 5.1532486, 6.8479183], abs=1e-6)
 
 
 def test_a_graze_of_any_natural_vibration_has_no_curve():

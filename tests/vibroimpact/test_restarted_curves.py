@@ -170,8 +170,13 @@ def test_a_curve_is_the_same_on_both_sides_of_where_another_passes_or_crosses_it
     assert_same_from_its_orbits(whole.kind, whole, ranges, numbers)
 
 
-@pytest.mark.parametrize(("seed", "ratio"), [(3629, 3.0), (20692, 2.0)])
-def test_undamped_curves_end_where_a_vibration_touches_the_stop_without_acceleration(seed, ratio):
+@pytest.mark.parametrize(
+    ("seed", "ratio", "cuts"),
+    [(3629, 3.0, {1e-5: "edge"}), (20692, 2.0, {1e-5: "edge", 1e-6: "rest"})],
+)
+def test_undamped_curves_end_where_a_vibration_touches_the_stop_without_acceleration(
+    seed, ratio, cuts
+):
     """It repeats there for omega = ratio p; without acceleration p^2 clearance is the force."""
     whole, ranges = random_curve(seed)
     for i in (1, len(whole.values) // 2):
@@ -181,6 +186,11 @@ def test_undamped_curves_end_where_a_vibration_touches_the_stop_without_accelera
         assert osc.omega == pytest.approx(ratio * osc.p, rel=1e-7)
         assert osc.p**2 * osc.clearance == pytest.approx(osc.f, rel=1e-7)
         assert end.phases == pytest.approx(1.5 * math.pi, abs=1e-4) and not end.speeds.any()
+        for away, kind in cuts.items():  # before it, to 1e-6 of the ranges
+            cut = (ranges[1][0], ranges[1][1], osc.clearance - away)
+            special = bifurcation_curve(whole.orbit(i), whole.kind, ranges[0], cut).special
+            last = max((special[0], special[-1]), key=lambda point: point.value[1])
+            assert last.kind == kind
 
 
 @pytest.mark.parametrize("widest", [20.0, 80.0, 1000.0])
