@@ -134,9 +134,10 @@ class Paint(NamedTuple):
             aspect=35,
             extend="min" if self.values.min() < low else "neither",
         )
-        bar.set_label(labels.label(self.variable), wrap=True)
+        across = bar.ax.xaxis
         if isinstance(self.norm, LogNorm) and high < 100.0 * low:
-            labels.tick_in_decades(bar.ax.xaxis)
+            labels.tick_in_decades(across)
+        labels.describe(across, self.variable, across.label, across.get_major_formatter())
 
 
 def has_scale(name: str) -> bool:

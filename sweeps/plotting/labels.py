@@ -191,6 +191,7 @@ class _Prefixed(ticker.Formatter):
         self._of, self.variable, self._written, self._text = axis, variable, written, text
         self._prefix, self._factor = "", 1.0
         self._kept: tuple[str, float] | None = None
+        written.axis = None
         written.create_dummy_axis()
 
     def keep(self, unit: str, written: str | None) -> float:
@@ -241,16 +242,21 @@ def label_axis(axis: Axis, variable: xr.DataArray, heading: bool = False) -> Tex
     if variable.name in variable.coords:  # a parameter; those that are not drawn may be any
         refuse_too_large(str(variable.name), variable.values)
     text = axis.axes.set_title("", loc="left") if heading else axis.label
-    text.set(text=label(variable), wrap=True)
     logarithmic = variable.dims == (variable.name,) and log_spaced(variable.values)
     if logarithmic:
         panel = axis.axes
         (panel.set_xscale if axis is panel.xaxis else panel.set_yscale)("log")
         tick_in_decades(axis)
-    if variable.attrs.get("units") in _PREFIXED:
-        written = ticker.StrMethodFormatter("{x:g}") if logarithmic else ticker.ScalarFormatter()
-        axis.set_major_formatter(_Prefixed(axis, variable, written, text))
+    written = ticker.StrMethodFormatter("{x:g}") if logarithmic else ticker.ScalarFormatter()
+    describe(axis, variable, text, written)
     return text
+
+
+def describe(axis: Axis, variable: xr.DataArray, text: Text, written: ticker.Formatter) -> None:
+    """Describe a variable beside its axis; its ticks are `written` with a prefix of the unit."""
+    text.set(text=label(variable), wrap=True)
+    if variable.attrs.get("units") in _PREFIXED:
+        axis.set_major_formatter(_Prefixed(axis, variable, written, text))
 
 
 def set_ends(axis: Axis, low: float, high: float) -> None:

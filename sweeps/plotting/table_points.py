@@ -13,7 +13,6 @@ import numpy as np
 import xarray as xr
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
-from matplotlib.axis import Axis
 from matplotlib.colors import Colormap, Normalize
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
@@ -57,12 +56,12 @@ class Overlay(NamedTuple):
     seen: Mapping[str, xr.DataArray]  # describes what the picture shows
     labels: np.ndarray
 
-    def values(self, name: str, axis: Axis | None = None, text: str | None = None) -> np.ndarray:
+    def values(self, name: str, ends: Any, text: str | None = None) -> np.ndarray:
         """Return a column in the unit of the dataset.
 
-        Without a unit of its own it has that of an axis, which may have a prefix, with this text.
+        Without a unit of its own it has that of an axis or a bar with these ends and this text.
         """
-        size = 0.0 if axis is None else np.abs(axis.get_view_interval()).max()
+        size = float(np.abs(ends).max())
         factor = self.units.get(name, labels.prefix_of(self.seen[name], size, text)[1])
         return factor * self.columns[name]
 
@@ -166,8 +165,8 @@ def draw_overlay(
         if not {abscissa, ordinate} <= overlay.columns.keys():
             continue
         page_there = _page_of(panel, page, panels[0][0])
-        x = overlay.values(abscissa, panel.xaxis, page_there.xlabel)
-        y = overlay.values(ordinate, panel.yaxis, page_there.ylabel)
+        x = overlay.values(abscissa, panel.xaxis.get_view_interval(), page_there.xlabel)
+        y = overlay.values(ordinate, panel.yaxis.get_view_interval(), page_there.ylabel)
         if scale is None:
             _make_room(panel, x, y, page_there)
         seen = in_view(panel, x, y)
@@ -178,7 +177,8 @@ def draw_overlay(
             look = {"marker": marker, "zorder": 7.0, "linewidths": 0.6}
             if scale is not None and scale[0] in overlay.columns:
                 _, ramp, norm = scale
-                look |= {"c": ramp(norm(overlay.values(scale[0])[here])), "edgecolors": ink()}
+                values = overlay.values(scale[0], (norm.vmin, norm.vmax))[here]
+                look |= {"c": ramp(norm(values)), "edgecolors": ink()}
             else:
                 look |= {"color": ink(), "edgecolors": ground()}
             panel.scatter(x[here], y[here], size**2, **look)

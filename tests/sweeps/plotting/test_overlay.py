@@ -236,6 +236,21 @@ def test_a_panel_below_has_the_prefix_of_its_ticks_and_an_unbroken_unit(with_lay
     assert impulse.get_title(loc="left").endswith("[N\N{NO-BREAK SPACE}s]")
 
 
+def test_a_bar_has_the_prefix_of_its_ticks_and_so_has_a_measured_value(with_layout):
+    dataset = swept(RIG, "record.diagnostics=[extremes]", "rig.gap=[0.0005, 0.0006, 0.0007]")
+    over = {"frequency": [25.0, 31.0], "gap": [0.6, 0.6], "peak_to_peak": [2.0, 9.0]}
+    figure = parameter_map(dataset, quantity="peak_to_peak", overlay=over)
+    figure.draw_without_rendering()
+    panel, bar = figure.axes
+    assert bar.get_xlabel().endswith("[mm]") and panel.get_ylabel().endswith("[mm]")
+    ticks = [(tick.label1.get_text(), tick.get_loc()) for tick in bar.xaxis.get_major_ticks()]
+    shown, places = zip(*((float(text), place) for text, place in ticks if text), strict=True)
+    np.testing.assert_allclose(shown, 1e3 * np.array(places), rtol=1e-9)
+    mesh, drawn = panel.collections[0], panel.collections[-1]
+    expected = mesh.cmap(mesh.norm([2e-3, 9e-3]))
+    np.testing.assert_allclose(drawn.get_facecolors(), expected)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("h", "omega", "page"),
