@@ -14,6 +14,7 @@ from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from matplotlib.patheffects import withStroke
 
 from sweeps.attractor.attractor_table import (
     AttractorRow,
@@ -123,17 +124,19 @@ class Basins(NamedTuple):
         return of_basins + failed_cells(self.starts["status"].values)
 
     def mark_attractors(self, panel: Axes) -> list[Artist]:
-        """Mark the attractors with a look at the section, if starts have its phase."""
+        """Mark the attractors that have a look, in it, at the section, if starts have its phase."""
         grid, phase = self.starts.grid, self.starts["phase"]
-        states = [row.states for row in self.looks.split(self.table)[0] if len(row.states)]
-        if not states or "phase" in grid or float(phase) != self.starts.spec.phase:
+        if "phase" in grid or float(phase) != self.starts.spec.phase:
             return []
-        look: dict[str, Any] = {"color": ink(), "markeredgecolor": ground(), "markersize": 4.0}
-        places = np.concatenate(states)
-        panel.plot(*places.T, "o", scalex=False, scaley=False, **look)
-        if not in_view(panel, *places.T).any():
-            return []
-        return [Line2D([], [], marker="o", linestyle="", label="attractors at the section", **look)]
+        seen, dot = False, dict[str, Any](linestyle="", markersize=4.5, mec=ink())
+        dot["path_effects"] = [withStroke(linewidth=2.4, foreground=ground())]
+        for row in (row for row in self.looks.split(self.table)[0] if len(row.states)):
+            look, places = self.looks.look(row), row.states.T
+            dot |= {"marker": look.marker, "color": look.colour}
+            panel.plot(*places, scalex=False, scaley=False, **dot)
+            seen |= bool(in_view(panel, *places).any())
+        dot |= {"marker": "o", "color": ground(), "label": "attractors at the section"}
+        return [Line2D([], [], **dot)] if seen else []
 
     def write_names(self, panel: Axes, page: Page) -> None:
         """Write the names of classes into the basins; in grey, draw their boundaries."""
