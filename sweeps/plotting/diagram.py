@@ -264,9 +264,9 @@ class _Motions:
         y = recorded_coordinate(way.data, self.coordinate).values
         x, (panel, *lower) = np.broadcast_to(self.values[:, None], y.shape), panels
         paint.mark(panel, x, y)
-        # Panels below have other ordinates, a density has more, and points may have none.
-        is_unknown = np.isnan(y) | bool(lower) | self.dense
-        seen = in_view(panel, x, np.where(is_unknown, panel.get_ylim()[0], y))
+        if lower or self.dense:  # panels below have other ordinates, and a density has more
+            y = np.full(y.shape, panel.get_ylim()[0])
+        seen = in_view(panel, x, y)
         return paint.within(np.asarray(seen.any(axis=1)))
 
     def name_directions(self, panel: Axes) -> None:

@@ -311,7 +311,7 @@ def table_panels(
     seen = np.zeros(y.shape, bool)
     for panel, _, x in places:
         paint.mark(panel, x.values[:, None], y.values[:, None])
-        seen |= in_view(panel, x.values, y.values) | np.isnan(y.values)
+        seen |= in_view(panel, x.values, y.values)
     paint = paint.within(seen)
     measured = draw_overlay(points, [(each, name, ordinate) for each, name, _ in places], page)
     handles, title = legend_entries(paint, grid, grid[-1].get_legend_handles_labels()[0])

@@ -292,6 +292,19 @@ def test_a_dense_diagram_keeps_the_colours(dataset, monkeypatch):
     assert seen == {colour for text, colour in legend(figure).items() if "on its way" not in text}
 
 
+def test_a_class_without_a_dot_is_not_in_the_legend():
+    """A motion without impacts has no dot over them."""
+    oscillator = {"h": 0.1, "R": 0.8, "omega": 2.6, "f": 1.0, "clearance": 0.6}
+    points = swept(
+        {"oscillator": oscillator, "start": {"x0": {"start": -2, "stop": 0.6, "num": 7}, "v0": 1}}
+    )
+    both, over_impacts = (
+        [*legend(bifurcation(points, color="period", coordinate=coordinate))]
+        for coordinate in ("poincare_x", "impact_v")
+    )
+    assert both == ["1/0, no impact", "2/1"] and over_impacts == ["2/1"]
+
+
 @pytest.mark.slow
 def test_the_points_of_a_table_are_coloured():
     table = "points: {omega: [2.4, 2.5, 2.6], part: [1.0, 2.0, 3.0]}\n"
