@@ -358,7 +358,7 @@ def finish(
     """
     figure = figure_of(panel)
     handles = panel.get_legend_handles_labels()[0] if handles is None else handles
-    handles = [handle for handle in handles if is_seen(handle)] if page.legend else []
+    handles = [handle for handle in handles if is_seen(handle)]
     if page.xlim or page.ylim:
         refuse_gap(panel, page)
     _set_labels(panel, page)
@@ -366,7 +366,7 @@ def finish(
         text = title_of(part, record) if page.title is None else page.title
         if text:
             figure.add_title(text)
-        if handles:
+        if handles and page.legend:
             figure.add_legend(handles, legend_title, shares, names_in_map)
         figure.set_height()
         lay_out(panel)
@@ -378,7 +378,10 @@ def finish(
     else:
         if page.title is not None:
             panel.set_title(page.title)
-        if handles:
+        if handles and page.legend:
             lay_out(panel)
             legend_within(panel, handles, legend_title, shares)
+        for handle in handles:
+            if handle.axes is None and not page.legend:
+                panel.add_artist(handle)  # for a legend of the user
     return figure

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
 import numpy as np
 import xarray as xr
-from matplotlib.patches import Patch
+from matplotlib.patches import Patch, Rectangle
 
 from sweeps.plotting import style
 from sweeps.plotting.labels import Names, as_variable, equation, status_name
@@ -26,6 +26,11 @@ def look_of(key: style.LookKey, grey: bool = False) -> style.Look:
     """Return the look of a class, or of all other classes, of a regime or a further attractor."""
     look = style.LOOKS.get(key, style.LOOKS[None])[grey]
     return look._replace(dots=style.dot_colour(look.dots))
+
+
+def patch_named(label: str, **look: Any) -> Patch:
+    """Return a patch for a legend, which shows nothing in a panel."""
+    return Rectangle((np.nan, np.nan), 0.0, 0.0, label=label, **look)
 
 
 class Cells(NamedTuple):
@@ -56,7 +61,7 @@ class Cells(NamedTuple):
         """Return the patch for the legend."""
         edge = style.hatch_on(self.look.colour) if self.look.hatch else style.ink()
         look: dict[str, Any] = {"edgecolor": edge, "hatch": self.look.hatch, "linewidth": 0.4}
-        return Patch(facecolor=self.look.colour, label=self.label, **look)
+        return patch_named(self.label, facecolor=self.look.colour, **look)
 
 
 def failed_cells(status: np.ndarray, hatched: bool = False) -> list[Cells]:

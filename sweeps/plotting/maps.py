@@ -12,7 +12,7 @@ from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.colors import ListedColormap, Normalize
 from matplotlib.figure import Figure
-from matplotlib.patches import Patch, PathPatch
+from matplotlib.patches import PathPatch
 from matplotlib.path import Path
 
 from sweeps.opened.opened_sweep import OpenedSweep, Selection
@@ -21,7 +21,7 @@ from sweeps.plotting.colours import paint_of
 from sweeps.plotting.contents import Wanted, fitting_orbits, with_number
 from sweeps.plotting.exact_lines import draw_curves
 from sweeps.plotting.legend import COMMON
-from sweeps.plotting.looks import OTHERS, Cells, class_numbers, failed_cells
+from sweeps.plotting.looks import OTHERS, Cells, class_numbers, failed_cells, patch_named
 from sweeps.plotting.names import draw_boundaries, name_regions
 from sweeps.plotting.page import PAGE, Page, styled
 from sweeps.plotting.pixels import cell_edges
@@ -97,7 +97,7 @@ def parameter_map(
     if (seen := approaching[view]).any():
         share = 100.0 * seen.sum() / has_result(status[view]).sum()
         text = f"{ON_ITS_WAY} ({share:.3g} %)"
-        shares[Patch(facecolor="#888888", label=text, **_APPROACHING)] = float(seen.mean())
+        shares[patch_named(text, facecolor="#888888", **_APPROACHING)] = float(seen.mean())
     if exact is not None:
         shares |= draw_curves(panel, exact, cut, page.marks)
     scale = (name, paint.ramp, paint.norm)
@@ -153,7 +153,7 @@ def entries_of(cut: OpenedSweep, cells: Iterable[Cells], view: Any = ...) -> dic
     shares |= {max(rests, key=rests.__getitem__): sum(rests.values())} if rests else {}
     if pending := np.count_nonzero(status == Status.PENDING):
         text = f"{labels.status_name(Status.PENDING)} ({pending:,} of {status.size:,})"
-        shares[Patch(label=text, facecolor=ground(), **_LOOK_OF_PENDING)] = COMMON
+        shares[patch_named(text, facecolor=ground(), **_LOOK_OF_PENDING)] = COMMON
     return shares
 
 

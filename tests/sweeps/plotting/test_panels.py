@@ -51,6 +51,14 @@ def test_the_panels_asked_for_are_drawn_into_panels_of_another_figure(dataset, n
     own = Figure().subplots(2)
     assert integrity(dataset, panels=["fraction", "basins"], ax=own) is own[0].figure
     assert own[0].lines and own[1].collections
+    own = Figure().subplots(2)
+    integrity(dataset, panels=["fraction", "basins"], ax=own, page=Page(legend=False))
+    handles, names = own[1].get_legend_handles_labels()
+    assert not own[1].get_legend()
+    usual = integrity(dataset, panels=["fraction", "basins"])
+    assert sorted(names) == sorted(legend_texts(usual)) and "lower bound" not in names
+    own[0].figure.legend(handles, names)
+    own[0].figure.savefig("own.svg")
 
 
 @pytest.mark.parametrize("size", [9.0, 14.0])
