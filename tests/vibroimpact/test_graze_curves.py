@@ -9,7 +9,7 @@ from scipy.optimize import brentq
 
 from tests.helpers.naive import ClosedForm
 from tests.helpers.oscillators import TAU, peak, settled_orbit
-from vibroimpact.orbits.branches import branch, doubled_branch
+from vibroimpact.orbits.branches import branch, doubled_branch, grazing_branch
 from vibroimpact.orbits.curves import bifurcation_curve
 from vibroimpact.orbits.family import OrbitFamily
 from vibroimpact.orbits.one_impact import one_impact_orbit
@@ -54,6 +54,22 @@ def test_a_branch_ends_at_the_touch_and_not_where_its_flight_turns_below_the_sto
     assert np.abs(flight(touch / there.omega)).max() < 1e-9
     curve = bifurcation_curve(graze, "graze", ("R", 0.0, 1.0), ("h", 0.0, 2.0 * osc.h))
     assert [end.kind for end in curve.special] == ["edge", "edge"]
+
+
+def test_a_branch_ends_at_the_highest_point_of_a_flight_of_any_height():
+    """After a rebound at 4e-8 the mass turns 9e-12 below the stop before it touches."""
+    osc = Oscillator(
+        h=0.00672728141095631, R=0.004618006546053631, omega=1.8797961905865022, f=1.0
+    )  # fmt: skip
+    phases = np.array([0.004553880087740914, 6.086120800697817, 6.274077450288427])
+    speeds = np.array([0.0, 1.4506499999736764, 0.003583435467324087])
+    graze = grazing_branch(PeriodicOrbit(osc, 1, phases, speeds), "R", 0.0, 1.0).special[-1].orbit
+    (touch, *_, launch), there = np.sort(graze.phases), graze.oscillator
+    assert (graze.q, int(np.argmin(graze.speeds))) == (4, int(np.argmin(graze.phases)))
+    flight = ClosedForm(there, (launch - TAU) / there.omega, 0.0, -there.R * graze.speeds[-1])
+    for away in (-2e-4, -1e-4, 1e-4, 2e-4):
+        assert flight((touch + away) / there.omega)[0] < -1e-13
+    assert abs(flight(touch / there.omega)[0]) < 1e-16
 
 
 def test_a_branch_ends_at_a_touch_within_its_flight():

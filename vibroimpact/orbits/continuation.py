@@ -387,7 +387,7 @@ def _with_touch(
     """
     at, z = reason.at, impact_rows(X, family.q)
     turns = calls.turning_points(family.system, X, at, reason.where)
-    least = turns[:, 1].max() - GRAZES
+    least = turns[:, 1].max() - ROUNDING
     phase = turns[np.argmax(turns[:, 1] > least), 0]  # the nearest, if it is as high
     z = np.insert(z, at + 1, (phase, 0.0), axis=0)
     return family.related(z, family.m), unknowns(z, free(X, family.q))
