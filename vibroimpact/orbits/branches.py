@@ -210,8 +210,7 @@ def branch(orbit: PeriodicOrbit, parameter: str, low: float, high: float) -> Bra
     axis = ContinuationParameter.of(orbit.oscillator, parameter, low, high)
     value = getattr(orbit.oscillator, parameter)
     if not low <= value <= high:
-        ends = f"{axis.low!r} to {axis.high!r}"
-        raise ValueError(f"the orbit is at {parameter} = {value!r}, outside {ends}")
+        raise ValueError(axis.outside(value))
     if orbit.q == 0:
         return _free_branch(orbit, axis)
     family = OrbitFamily(orbit, (axis,))

@@ -156,9 +156,11 @@ def _bifurcation(
             if X is not None and family.distance(X, family.start) < _NEAR_ORBIT:
                 if family.inadmissible(X)[0] is None:
                     return family.orbit(X)
+    said = f"no {kind} is found on the branches of the orbit"
     for axis in axes:
         value = getattr(orbit.oscillator, axis.name)
         if not axis.low <= value <= axis.high:
+            said = axis.outside(value)
             continue
         candidates = [
             point
@@ -167,7 +169,7 @@ def _bifurcation(
         ]
         if candidates:
             return min(candidates, key=lambda point: abs(point.value - value)).orbit
-    raise OrbitError(f"no {kind} is found on the branches of the orbit")
+    raise OrbitError(said)
 
 
 def _least_graze(orbit: PeriodicOrbit, axes: Sequence[ContinuationParameter]) -> PeriodicOrbit:

@@ -69,6 +69,10 @@ class ContinuationParameter:
         """Whether a value is in the range, to rounding."""
         return self.low - self.slack <= value <= self.high + self.slack
 
+    def outside(self, value: float) -> str:
+        """Say that an orbit at this value is outside the range."""
+        return f"the orbit is at {self.name} = {value!r}, outside {self.low!r} to {self.high!r}"
+
 
 def units_along(osc: Oscillator, axes: Sequence[ContinuationParameter]) -> NaturalUnits:
     """Return the natural units of an oscillator over the ranges of some parameters."""
