@@ -30,6 +30,7 @@ from sweeps.opened.opened_sweep import OpenedSweep
 from sweeps.store.variables import description_in
 from sweeps.text import listed
 from vibroimpact import OrbitError, PeriodicOrbit
+from vibroimpact.inputs import input_text, refusal
 from vibroimpact.points.computation import compute_points
 from vibroimpact.points.regimes import Regime, rests
 from vibroimpact.points.stages import Results, in_stages, without_class
@@ -106,7 +107,7 @@ def knocks(
     Raises
     ------
     Refused
-        If the sweep has other parameter axes or another impact rule.
+        If the sweep has other parameter axes or another impact rule, or lacks one of `numbers`.
 
     Examples
     --------
@@ -120,11 +121,16 @@ def knocks(
         axes = listed(starts.grid) or "none"
         raise Refused(f"a knock needs x0 and v0 as the only axes, others fixed; there are {axes}")
     found = attractors(starts) if found is None else found
+    known = found["number"].values.tolist()
+    wanted = set(known if numbers is None else numbers)
+    if not wanted <= set(known):
+        out_of = f"numbers out of {listed(str(number) for number in known if number >= 0)}"
+        raise Refused(refusal(f"numbers = {input_text(numbers)}", out_of))
     at_point, limit = _Attractors(starts, found), float(np.ptp(starts["v0"].values))
-    sought = at_point.orbits.keys() & (at_point.orbits if numbers is None else numbers)
+    sought = at_point.orbits.keys() & wanted
     rows = [
         at_point.worst(number, limit) if number in sought else Knock(harmful=math.nan)
-        for number in found["number"].values.tolist()
+        for number in known
     ]
     columns = zip(*rows, strict=True)
     return found.assign(

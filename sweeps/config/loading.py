@@ -62,7 +62,7 @@ def load_config(
     >>> config.size, config.record.transient
     (20, 1000)
     """
-    if isinstance(source, Mapping):
+    if isinstance(source, Mapping) and not hasattr(source, "data_vars"):  # no Dataset
         data = {
             str(key): value if key == "points" else _without_numpy(value)
             for key, value in source.items()
@@ -70,10 +70,11 @@ def load_config(
         origin = "the configuration"
         return _configuration(data, origin, {(): origin}, overrides)
     try:
-        path = Path(source)
+        path = Path(source)  # type: ignore[arg-type]
     except TypeError:
         typed, expected = inputs.input_text(source), f"a YAML file, or {key_list(SweepConfig)}"
-        raise ConfigError(f"the configuration is {typed}; expected: {expected}") from None
+        hint = "; vibroimpact info --config shows that of a sweep file"
+        raise ConfigError(f"the configuration is {typed}; expected: {expected}{hint}") from None
     return parse_config(_text(path), str(path), path.stem, overrides)
 
 

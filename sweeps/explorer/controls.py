@@ -121,7 +121,8 @@ class Controls:
             slider.value = value
         values = {**view.values, **{RECORD_FIELDS[name]: n for name, n in view.record.items()}}
         for name, field in self.fields.items():
-            field.value = f"{values[name]:.7g}"
+            if not self.error.text:  # a refused text stays: to type the old one is then a change
+                field.value = f"{values[name]:.7g}"
 
 
 def _span(name: str, view: View) -> dict[str, float]:

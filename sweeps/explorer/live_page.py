@@ -320,14 +320,13 @@ class LivePage:
 
     def _save(self) -> None:
         """Write the configuration of the picture, and show the path."""
-        self.controls.error.text = self.controls.saved.text = ""
+        self.change(lambda view: view)  # a refused text goes, and steps that failed say so again
         try:
             path = write_yaml(self.view, self._picture.saved(self.view), self.folder)
         except SweepError as error:
             self._refuse(str(error))
         else:
             self.controls.saved.text = f"saved: {path}; {command('run', Path(path.name))}"
-        self._compute()  # steps that failed say so again
 
     @property
     def _picture(self) -> Diagram | Map:

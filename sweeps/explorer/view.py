@@ -26,6 +26,7 @@ from sweeps.opened.coordinates import COORDINATES
 from sweeps.plotting.labels import as_variable
 from sweeps.store.replacing import writing
 from sweeps.text import command
+from vibroimpact.inputs import one_of
 from vibroimpact.oscillator import PARAMETERS, Parameter, oscillator_of
 
 Window = tuple[float, float]
@@ -272,9 +273,7 @@ class View:
             if name not in PARAMETERS:
                 expected = ", ".join(map(called, PARAMETERS))
                 raise ConfigError(f"{name} is not a parameter; expected: {expected}")
-        if self.ordinate not in COORDINATES:
-            expected = ", ".join(COORDINATES)
-            raise ConfigError(f"{self.ordinate} is not an ordinate; expected: {expected}")
+        one_of(COORDINATES).checked("ordinate", self.ordinate, ConfigError)
         if self.axis == self.across:
             raise ConfigError(f"{called(self.axis)} is asked for as both axes of the map")
         if self.record["transient"] == "auto":
@@ -341,7 +340,4 @@ def _commands(view: View, name: str) -> str:
                 unit = unit if unit in ("m", "m/s") else ""  # the ticks may have a prefix
                 options += f" --{option}={ends[0]!r}:{ends[1]!r}{unit}"
     run, plot = command("run", Path(f"{name}.yaml")), command("plot", Path(f"{name}.h5"))
-    return (
-        "# Saved by vibroimpact explore. It is run, and drawn as it was seen, with\n"
-        f"#   {run}\n#   {plot} {options}\n"
-    )
+    return f"# Saved by vibroimpact explore. These draw it:\n#   {run}\n#   {plot} {options}\n"

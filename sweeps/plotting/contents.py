@@ -115,7 +115,7 @@ def _with_values(sweep: OpenedSweep, values: xr.DataArray) -> tuple[OpenedSweep,
     if is_held and plain.variable.identical(sweep[name].variable):
         return sweep, name
     while name in sweep:
-        name += "'"
+        name = f"the given {name}"
     return sweep.with_data(sweep.data.assign({name: plain})), name
 
 

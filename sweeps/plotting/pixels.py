@@ -85,11 +85,11 @@ def cell_edges(values: np.ndarray, log: bool) -> np.ndarray:
     """Return the n + 1 edges of the cells around n increasing values.
 
     The edges lie halfway between the values, with `log` on a logarithmic scale. The cell of a
-    single value is as wide as its magnitude, or 1 at 0.
+    single value is as wide as its magnitude, or 1 at 0; if it is repeated, the cells share this.
     """
-    if len(values) == 1:
+    if values[0] == values[-1]:
         half = 0.5 * abs(values[0]) or 0.5
-        return np.array([values[0] - half, values[0] + half])
+        return np.linspace(values[0] - half, values[0] + half, len(values) + 1)
     values = np.log(values) if log else values
     inner = 0.5 * (values[1:] + values[:-1])
     edges = np.array([2.0 * values[0] - inner[0], *inner, 2.0 * values[-1] - inner[-1]])

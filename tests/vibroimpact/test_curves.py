@@ -213,7 +213,7 @@ def test_bad_requests_are_refused():
         bifurcation_curve(steady, "fold", ("omega", 1.8, 2.2), ("R", 0.7, 0.9))
     for kind, second in (("flip", ("R", 0.6, 0.9)), ("fold", ("R", 0.1, 0.2))):
         for ranges in (("omega", 4.0, 5.0), second), (second, ("omega", 4.0, 5.0)):
-            with pytest.raises(OrbitError, match=r"the orbit is at \w+ = [\d.]+, outside [\d.]+ to"):
+            with pytest.raises(OrbitError, match=r"the orbit is at (omega|R) = .*, outside"):
                 bifurcation_curve(steady, kind, *ranges)
 
 

@@ -269,6 +269,8 @@ def test_one_phase_of_several_is_chosen_as_the_refusal_says(tmp_path, no_knocks)
 def test_other_requests_are_refused(dataset):
     with pytest.raises(Refused, match="others fixed; there are omega, x0, v0"):
         knocks(dataset)
+    with pytest.raises(Refused, match=r"numbers = \[9\] is .* expected: numbers out of 0, 1"):
+        knocks(dataset.isel(omega=0), numbers=[9])
 
 
 def test_the_command(tmp_path):

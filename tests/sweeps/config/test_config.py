@@ -7,6 +7,7 @@ from pathlib import Path
 import jsonschema
 import numpy as np
 import pytest
+import xarray as xr
 import yaml
 
 from sweeps.config.groups import STARTS, OscillatorConfig
@@ -67,6 +68,7 @@ CYCLIC["R"] = [CYCLIC]
         ({"oscillator": CYCLIC}, [], "the configuration: more than 16 levels are not allowed"),
         (None, [], "the configuration is None; expected: a YAML file, or a mapping with keys"),
         (["oscillator"], [], "the configuration is ['oscillator']; expected: a YAML file, or"),
+        (xr.Dataset({"status": 0}), [], "; vibroimpact info --config shows that of a sweep file"),
         ({}, [1], "override 1: expected key=value, for example oscillator.h=0.2"),
         ({}, "name=a", "overrides = 'name=a'; expected: a list of texts key=value"),
         ({}, None, "overrides = None; expected: a list of texts key=value"),

@@ -143,8 +143,11 @@ def test_slider_field_abscissa_and_ordinate(window):
         assert page.controls.error.text.startswith(refusal)
         assert "sweep" not in page.controls.error.text
         assert page.view.values["R"] == 0.8
-        window.settle(lambda: window.model("R", "{return m.value}") == "0.8")
+        assert page.controls.fields["R"].value == text
     window.settle(window.tab.get_by_text("a number from 0 to 1").is_visible)
+    field.fill("0.8")
+    field.press("Enter")
+    window.settle(lambda: page.controls.error.text == "")
     window.model("R slider", "{m.value = 0.6}")
     window.settle(lambda: page.view.values["R"] == 0.6)
     np.testing.assert_array_equal(window.pixels(), expected(page))

@@ -148,7 +148,7 @@ def test_a_view_returns_from_its_address(view, axis):
         ("xlim=-1:2", "contains -1, which is not allowed"),
         ("axis=mass", "mass is not a parameter"),
         ("axis=R&across=R", "^R is asked for as both axes of the map$"),
-        ("ordinate=z", "z is not an ordinate"),
+        ("ordinate=z", "ordinate = 'z' is not allowed; expected: one of poincare_x"),
         ("transient=-1", "record.transient = -1 is not allowed"),
         ("transient=auto", "^transient = auto is not for the live page; expected: an integer$"),
         ("section=7", "record.phase = 7 is not allowed"),

@@ -114,13 +114,14 @@ def test_an_error_stays_while_what_failed_is_asked_for(page):
     page.change(lambda view: view.moved(v0=0.1))
     settle(page)
     assert error.text.count(said) == 1
-    page.change(lambda view: view.with_query("R=2"))
+    page.controls.fields["R"].value = "2"
     settle(page)
     assert said in error.text and "R = 2 is not allowed" in error.text
     page._save()
     settle(page)
     assert said in error.text and "R = 2" not in error.text
     assert page.controls.saved.text.startswith("saved: ")
+    assert page.controls.fields["R"].value == f"{page.view.values['R']:.7g}"
     page.change(lambda view: replace(view, exact=False))
     settle(page)
     assert error.text == ""

@@ -183,6 +183,7 @@ def test_a_cell_reaches_halfway_to_its_neighbours():
     assert cell_edges(np.zeros(1), False).tolist() == [-0.5, 0.5]
     figure = parameter_map(equal_points(axes={"f": np.array([2.0]), "R": R}))
     assert figure.axes[0].get_ylim() == (1.0, 3.0)
+    assert cell_edges(np.full(2, 2.0), True).tolist() == [1.0, 2.0, 3.0]  # a value that is repeated
 
 
 def test_the_axes_are_the_two_longest_or_those_asked_for():

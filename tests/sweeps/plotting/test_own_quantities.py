@@ -114,6 +114,8 @@ def test_a_quantity_of_ones_own_is_drawn_below(dataset):
     panel = figure.axes[2]
     assert panel.get_title("left") == "thrust [kN]"
     np.testing.assert_array_equal(panel.lines[0].get_ydata(), given.sel(R=0.8).values)
+    with pytest.raises(Refused, match="no point has a finite value of the given impulse"):
+        bifurcation(dataset, at={"R": 0.8}, below=dataset["impulse"] * np.nan)
 
 
 def test_numbers_from_another_program_without_attributes_are_drawn(dataset, recorded):
