@@ -197,8 +197,6 @@ class _Attractors:
         o, number = self._oscillator, np.full(len(x), -1)
         for attractor, orbit in self.orbits.items():
             rows, cycle = np.flatnonzero(fits(orbit)), self._cycles[attractor]
-            if not rows.size:
-                continue
             size = ORBIT_TOLERANCE * np.abs((cycle - [o.clearance, 0.0]) / [1.0, o.omega]).max()
             states, units = np.stack([x, v], axis=1)[rows, None], (size, size * o.omega)
             apart = section_distance(states, cycle, o.clearance, np.array(o.R), units)
