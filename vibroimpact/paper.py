@@ -119,7 +119,7 @@ def paper_procedure(
         rows.append((t, x, v))
         if x >= 0.0 and v > 0.0:  # (2)
             impacts.append((t, v))
-            x, v = 0.0, -oscillator.R * v  # (3)-(5)
+            x, v = 0.0, -oscillator.R * v  # (3), (4), (5)
             if not procedure:
                 a = _acceleration(oscillator, t, x, v)
             rows.append((t, x, v))

@@ -32,6 +32,8 @@ FILES = {
     "hysteresis.h5": "vibroimpact run hysteresis.yaml --set oscillator.omega.num=60",
     "map.h5": "vibroimpact run period-map.yaml -o map.h5 --set oscillator.omega.num=8 "
     "--set oscillator.R.num=6",
+    "R*.h5": "vibroimpact run quickstart.yaml --set oscillator.R=0.6 -o R6.h5 && "
+    "vibroimpact run quickstart.yaml --set oscillator.R=0.8 -o R8.h5",
     "changes.csv": "vibroimpact run feigenbaum.yaml -o line.h5 && "
     "vibroimpact info line.h5 --bifurcations --csv changes.csv",
 }

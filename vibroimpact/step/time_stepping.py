@@ -70,8 +70,9 @@ _COMPUTED, _UNRESOLVED = int(Status.COMPUTED), int(Status.UNRESOLVED)
 @specialised
 def plain(x_T, v_T, T, pt, scratch):
     """Rule (2)-(5) at the end (x_T, v_T) of a step that may have met the stop."""
-    if not ((x_T >= pt.clearance) & (v_T > 0.0)):
+    if not ((x_T >= pt.clearance) & (v_T > 0.0)):  # (2)
         return x_T, v_T, 0
+    # (3), (4), (5)
     return pt.clearance, -pt.R * v_T, log_event(scratch.events, 0, IMPACT, T, v_T, x_T)
 
 
