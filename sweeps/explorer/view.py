@@ -26,7 +26,7 @@ from sweeps.opened.coordinates import COORDINATES
 from sweeps.plotting.labels import as_variable
 from sweeps.store.replacing import writing
 from sweeps.text import command
-from vibroimpact.inputs import one_of
+from vibroimpact.inputs import one_of, refusal
 from vibroimpact.oscillator import PARAMETERS, Parameter, oscillator_of
 
 Window = tuple[float, float]
@@ -285,8 +285,7 @@ class View:
                 raise ConfigError(f"the window {name} = {window} is empty or too narrow")
         for name, value in self.values.items():
             if not (parameter := self.nomenclature.about(name)).accepts(value):
-                said = f"{called(name)} = {value:g} is not allowed"
-                raise ConfigError(f"{said}; expected: {parameter.allowed}")
+                raise ConfigError(refusal(f"{called(name)} = {value:g}", parameter.allowed))
         self.point()
         if self.tab != DIAGRAM_TAB:
             self.tiles(self.tab, 2, 2)
