@@ -6,7 +6,7 @@ from enum import IntEnum
 TOLERANCE = 1e-6
 
 
-class _Flag(IntEnum):
+class Flag(IntEnum):
     """A number of a file that stands for a word."""
 
     @property
@@ -15,7 +15,7 @@ class _Flag(IntEnum):
         return self.name.lower().replace("_", "-")
 
 
-class Status(_Flag):
+class Status(Flag):
     """The outcome at one parameter point, as stored in ``status``.
 
     ``UNRESOLVED`` and ``NON_FINITE`` are failures: the numbers of the point are NaN from then on.
@@ -78,7 +78,7 @@ _OF_EXACT = {
 }
 
 
-class Evidence(_Flag):
+class Evidence(Flag):
     """What shows to which periodic orbit a motion goes, as stored in ``class_evidence``.
 
     Up to ``UNREACHED`` the motion has no class.

@@ -59,6 +59,7 @@ class Controls:
         bind(self.axis, "value", View.with_axis)
         bind(self.ordinate, "value", lambda view, name: replace(view, ordinate=name, ylim=None))
         self.fields: dict[str, TextInput] = {}
+        self.refused: Model | None = None  # keeps its text: to type the old one is then a change
         self.sliders: dict[str, Slider] = {}
         rows: list[LayoutDOM] = [self._parameter(name, view) for name in PARAMETERS]
         look: Any = {"width": 74, "margin": (0, 0, 2, 0)}
@@ -121,7 +122,7 @@ class Controls:
             slider.value = value
         values = {**view.values, **{RECORD_FIELDS[name]: n for name, n in view.record.items()}}
         for name, field in self.fields.items():
-            if not self.error.text:  # a refused text stays: to type the old one is then a change
+            if field is not self.refused:
                 field.value = f"{values[name]:.7g}"
 
 

@@ -334,7 +334,7 @@ class Branches:
         if self._found is None or self._found[0] != config:
             sweep = config.sweep
             check_axis(view.axis, sweep.grid.axes[view.axis], "it")
-            line = motions_from(sweep.spec, sweep.grid.points(), compute_all(config.sweep))
+            line = motions_from(sweep.spec, sweep.grid.points(), compute_all(sweep))
             phase = config.record.phase
             self._found = config, branches_of([line], view.axis, phase, lambda share: check())
         parts = _nothing()

@@ -161,17 +161,21 @@ class LivePage:
 
     def _bind(self, model: Model, name: str, changed: Callable[[View, Any], View]) -> None:
         """Let a property of a model change the view to `changed(view, value)`."""
-        model.on_change(name, lambda attr, old, new: self.change(lambda view: changed(view, new)))
+        model.on_change(
+            name, lambda attr, old, new: self.change(lambda view: changed(view, new), model)
+        )
 
-    def change(self, changed: Callable[[View], View]) -> None:
+    def change(self, changed: Callable[[View], View], by: Model | None = None) -> None:
         """Show another view, or why it is refused; ignored while the widgets are being set."""
         if self._showing:
             return
         self.controls.error.text = self.controls.saved.text = ""
+        self.controls.refused = None
         try:
             self.view = changed(self._as_zoomed).checked()
         except ConfigError as error:
             self._refuse(str(error))
+            self.controls.refused = by
         self._show()
 
     def _refuse(self, text: str) -> None:

@@ -269,10 +269,9 @@ class View:
     def checked(self) -> Self:
         """Return the view, with numbers for texts; ConfigError if it is not allowed."""
         called = self.nomenclature.name
-        for name in (self.axis, self.across):
-            if name not in PARAMETERS:
-                expected = ", ".join(map(called, PARAMETERS))
-                raise ConfigError(f"{name} is not a parameter; expected: {expected}")
+        parameters = one_of([*map(called, PARAMETERS)])
+        for key in ("axis", "across"):
+            parameters.checked(key, called(getattr(self, key)), ConfigError)
         one_of(COORDINATES).checked("ordinate", self.ordinate, ConfigError)
         if self.axis == self.across:
             raise ConfigError(f"{called(self.axis)} is asked for as both axes of the map")

@@ -17,15 +17,14 @@ The class of a motion is its regime with m and q.
 from __future__ import annotations
 
 from collections.abc import Container, Iterable, Mapping
-from enum import IntEnum
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from vibroimpact.status import TOLERANCE, Evidence, Status
+from vibroimpact.status import TOLERANCE, Evidence, Flag, Status
 
 
-class Regime(IntEnum):
+class Regime(Flag):
     """The regime of a motion according to its record."""
 
     PENDING = 0
@@ -35,11 +34,6 @@ class Regime(IntEnum):
     PERIODIC = 4
     CHAOTIC = 5
     UNKNOWN = 6
-
-    @property
-    def word(self) -> str:
-        """The regime as it is called in every report and legend."""
-        return self.name.lower()
 
 
 #: The outcomes that leave no result.
