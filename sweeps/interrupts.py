@@ -1,4 +1,4 @@
-"""Signals: `check` raises `Cancelled` where work can stop safely; threads that get none.
+"""Signals: `check` raises `Cancelled` where work can stop safely; threads without signals.
 
 A signal handler that raises an exception may raise it between any two instructions of Python:
 inside a lock of h5py, whose exit then fails, or in a callback of LLVM, which swallows the
@@ -100,7 +100,7 @@ def raised_at_once() -> Iterator[None]:
 
     def interrupt(number: int, _: object) -> None:
         _set()
-        if running:  # an exception after it would leave handlers
+        if running:  # an exception after the block would leave its handlers
             _thread.start_new_thread(repeat, (number,))  # without the locks of `threading`
             check()
 

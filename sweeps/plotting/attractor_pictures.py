@@ -124,7 +124,7 @@ class Basins(NamedTuple):
         return of_basins + failed_cells(self.starts["status"].values)
 
     def mark_attractors(self, panel: Axes) -> list[Artist]:
-        """Mark the attractors that have a look, in it, at the section, if starts have its phase."""
+        """Mark attractors at the section with their looks, if the starts have its phase."""
         grid, phase = self.starts.grid, self.starts["phase"]
         if "phase" in grid or float(phase) != self.starts.spec.phase:
             return []
