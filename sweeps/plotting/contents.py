@@ -6,7 +6,7 @@ This is the only way in which ``quantity``, ``below`` and ``color`` become value
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NoReturn
+from typing import Any, NoReturn
 
 import numpy as np
 import xarray as xr
@@ -205,3 +205,9 @@ def refuse_without_result(status: np.ndarray) -> None:
         for outcome, count in zip(*np.unique(status, return_counts=True), strict=True)
     ]
     raise Refused(f"there is nothing to draw, no point has a result: {listed(reasons)}")
+
+
+def refuse_without_value(values: Any, name: str) -> None:
+    """Refuse values of a number or a coordinate, of which none is finite."""
+    if not np.isfinite(values).any():
+        raise Refused(f"there is nothing to draw: no point has a finite value of {name}")

@@ -304,8 +304,7 @@ class _Motions:
         ]
         if name == "period":
             columns = [np.where(y > 0.0, y, np.nan) for y in columns]  # 0: no class
-        if not any(np.isfinite(y).any() for y in columns):
-            raise Refused(f"there is nothing to draw: no point has a finite value of {name}")
+        contents.refuse_without_value(columns, name)
         size = float(np.clip(250.0 / len(self.values), 0.8, 2.5))
         for exponent, share in zip(range(columns[0].shape[1]), _EXPONENTS, strict=False):
             self._mark(panel, [y[:, [exponent]] for y in columns], size=share * size)

@@ -19,7 +19,7 @@ from sweeps.opened.opened_sweep import OpenedSweep, Selection
 from sweeps.plotting import labels
 from sweeps.plotting.canvas import Picture, finish, new_panel, width_of
 from sweeps.plotting.colours import Paint, coloured_points, legend_entries
-from sweeps.plotting.contents import Wanted
+from sweeps.plotting.contents import Wanted, refuse_without_value
 from sweeps.plotting.looks import Cells
 from sweeps.plotting.marks import draw_points, draw_stop, in_both, widen_if_constant
 from sweeps.plotting.page import PAGE, Page, styled
@@ -52,6 +52,7 @@ def _draw_records(
         points, paint = coloured_points(sweep, at, color, page.grey)
         by_point = np.array([points[name].transpose(*points.grid, ...) for name in names])
         finite = np.isfinite(by_point).all(axis=0)
+        refuse_without_value(by_point, names[0])
         rgba = np.broadcast_to(paint.colours()[..., None, :], (*finite.shape, 4)).copy()
         columns = list(by_point[:, finite])
         both = np.zeros(finite.shape, bool)
@@ -71,7 +72,7 @@ def _draw_records(
             handles = [Cells("both", Look.plain(dot_colour(BOTH_COLOUR)), both).handle()]
         by_point[:, both & page.grey] = np.nan  # without the marker of a direction
         paint.mark(panel, *by_point)
-        paint = paint.within((seen & ~both).any(axis=-1) | ~finite.any(axis=-1))
+        paint = paint.within(np.asarray((seen & ~both).any(axis=-1)))
     handles += panel.get_legend_handles_labels()[0]
     handles, title = legend_entries(paint, [panel], handles)
     return finish(panel, page, points, handles, title, labels.record_text(points, names[1]))

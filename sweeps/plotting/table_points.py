@@ -22,9 +22,9 @@ from sweeps.errors import Refused
 from sweeps.grid import TABLE
 from sweeps.opened.coordinates import ORDINATES
 from sweeps.opened.opened_sweep import OpenedSweep, Selection
-from sweeps.plotting import canvas, labels
+from sweeps.plotting import canvas, contents, labels
 from sweeps.plotting.colours import has_scale, legend_entries, paint_of
-from sweeps.plotting.contents import Wanted, number_at, refuse_without_result, with_number
+from sweeps.plotting.contents import Wanted
 from sweeps.plotting.marks import mark_status, marker_size
 from sweeps.plotting.page import PAGE, Page, styled
 from sweeps.plotting.pixels import in_view
@@ -116,7 +116,7 @@ def _in_shown_unit(sweep: OpenedSweep, name: str) -> xr.DataArray:
     """Return a variable with the unit in which the picture shows it."""
     if name in ORDINATES:
         return labels.as_variable(name, sweep)
-    return with_number(sweep, name)[0][name]
+    return contents.with_number(sweep, name)[0][name]
 
 
 def _expected(seen: Mapping[str, xr.DataArray]) -> str:
@@ -284,17 +284,18 @@ def table_panels(
         raise Refused(f"ax is one panel, and {listed(abscissas)} take {len(abscissas)}: choose one")
     paint = paint_of(sweep, tint, dots=True, grey=page.grey)
     points = read_overlay(overlay, sweep, [abscissas, [ordinate]])
-    refuse_without_result(sweep["status"].values)
+    contents.refuse_without_result(sweep["status"].values)
     across = min(math.ceil(math.sqrt(len(abscissas))), beside)
     grid = [ax] if ax is not None else canvas.panel_grid(page, len(abscissas), across, 0.75)
-    y = number_at(sweep, ordinate)
+    y = contents.number_at(sweep, ordinate)
+    contents.refuse_without_value(y, ordinate)
     heading = labels.label_axis(grid[0].yaxis, y, heading=ax is None)
     if ax is None:  # the panels share the ordinate, whose label may not fit beside one of them
         if page.ylabel is not None:
             heading.set_text(page.ylabel)
         canvas.fit_text("ylabel", heading)
         page = replace(page, ylabel=None)
-    numbers = [number_at(sweep, name) for name in abscissas]
+    numbers = [contents.number_at(sweep, name) for name in abscissas]
     places = list(zip(grid, abscissas, numbers, strict=True))
     for panel, _, x in places:
         labels.label_axis(panel.xaxis, x)
@@ -329,6 +330,6 @@ def _with_columns(
     varying = [name for name in columns if np.ptp(sweep[name].values) > 0.0] or columns[:1]
     names = []
     for wanted in (color, quantity, *([*axes] or varying)):
-        sweep, name = with_number(sweep, wanted)
+        sweep, name = contents.with_number(sweep, wanted)
         names.append(name)
     return sweep, names

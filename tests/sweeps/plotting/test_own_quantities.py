@@ -305,6 +305,9 @@ def test_a_class_without_a_dot_is_not_in_the_legend():
         for coordinate in ("poincare_x", "impact_v")
     )
     assert both == ["1/0, no impact", "2/1"] and over_impacts == ["2/1"]
+    assert [*legend(impacts(points, color="period"))] == ["2/1"]
+    with pytest.raises(Refused, match="no point has a finite value of impact_phase"):
+        impacts(points.where(points["period_impacts"] == 0, drop=True), color="period")
 
 
 @pytest.mark.slow
@@ -315,6 +318,8 @@ def test_the_points_of_a_table_are_coloured():
     figure = table_panels(points, quantity="impulse", color="part", axes=[square])
     assert [panel.get_xlabel() for panel in figure.axes] == ["square", "part"]
     plot(points, "a.png", color=points["impulse"], quantity=points["omega"])
+    with pytest.raises(Refused, match="no point has a finite value of the given impulse"):
+        table_panels(points, quantity=points["impulse"] * np.nan)
 
 
 def test_the_peak_to_peak_displacement_is_what_the_samples_nearly_reach(recorded):
