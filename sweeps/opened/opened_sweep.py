@@ -17,14 +17,7 @@ from sweeps.config.sweep import SweepConfig
 from sweeps.errors import Refused
 from sweeps.grid import TABLE
 from sweeps.store.variables import COLUMN_NAMES, DIRECTION, VARIABLES
-from sweeps.text import (
-    choice_of,
-    listed,
-    near_misses,
-    shown_count,
-    suggestion,
-    told_apart,
-)
+from sweeps.text import choice_of, listed, near_misses, shown_count, suggestion, told_apart
 from vibroimpact.oscillator import PARAMETERS, POINT, Oscillator, oscillator_of
 from vibroimpact.points.regimes import (
     OF_REGIMES,

@@ -17,23 +17,12 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from vibroimpact.orbits import calls
-from vibroimpact.orbits.continuation import (
-    ENDS,
-    GRAZES,
-    MOST_POINTS,
-    continue_branch,
-    ending,
-)
+from vibroimpact.orbits.continuation import ENDS, GRAZES, MOST_POINTS, continue_branch, ending
 from vibroimpact.orbits.family import ArclengthStep, OrbitFamily
 from vibroimpact.orbits.hidden_roots import HEADING, may_have_more_roots
 from vibroimpact.orbits.normal_form import cubic_coefficient
 from vibroimpact.orbits.orbit import PeriodicOrbit, repeats_freely
-from vibroimpact.orbits.singular_ends import (
-    doubling,
-    flip_that_touches,
-    half_of,
-    singular_end,
-)
+from vibroimpact.orbits.singular_ends import doubling, flip_that_touches, half_of, singular_end
 from vibroimpact.orbits.unknowns import ROUNDING, differences_of_halves
 
 #: Greatest difference of the halves of an orbit at which the test of a fold, divided by the square
