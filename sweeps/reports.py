@@ -19,9 +19,9 @@ from vibroimpact.points.regimes import (
     ON_ITS_WAY,
     RESTING,
     UNKNOWN,
+    by_destination,
     chaos_hint,
     has_result,
-    partition,
     regimes_of,
     rest_of,
 )
@@ -167,7 +167,7 @@ def destinations_text(
     if "class_evidence" not in results or not has_result(results["status"]).any():
         return []
     regimes = regimes_of(results, omega, periods)
-    parts = partition(regimes, results["orbit_distance"])
+    parts = by_destination(regimes, results["orbit_distance"])
     reasons = [
         f"{number:,} {reason.reason(impact)}"
         for reason in (Evidence.NONE, Evidence.UNSTABLE, Evidence.UNREACHED)

@@ -75,7 +75,7 @@ def parameter_axes(sweep: OpenedSweep) -> tuple[str, ...]:
     )
 
 
-def cut(sweep: OpenedSweep, at: Selection) -> OpenedSweep:
+def starts_at(sweep: OpenedSweep, at: Selection) -> OpenedSweep:
     """Fix parameters and the phase of the starts nearest to `at`; keep all other starts there."""
     return sweep.isel(sweep.places(at, kept=("x0", "v0", DIRECTION, TABLE)))
 

@@ -1,4 +1,4 @@
-"""Options that commands share, as ``--at``; notes and errors on a terminal."""
+"""Options that commands share, as ``--at``; the scenes; notes and errors on a terminal."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import os
 import re
 import sys
 import warnings
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -79,6 +79,17 @@ def new_file(called: str, ending: str, what: str, help: str, *others: str, **set
         return path
 
     return option("FILE", help, called, *others, callback=check, **settings)
+
+
+def scenes(ending: str = ".yaml") -> Mapping[str, str]:
+    """Return the text of every scene by its name; with ``.csv``, the tables that scenes have."""
+    from importlib.resources import files
+
+    folder = files("sweeps") / "scenes"
+    if not folder.is_dir():  # in a checkout
+        folder = Path(__file__).parents[2] / "configs"
+    names = sorted(file.name for file in folder.iterdir() if file.name.endswith(ending))
+    return {Path(name).stem: (folder / name).read_text(encoding="utf-8") for name in names}
 
 
 def _completion(names: Completions | None) -> Callable[[str], list[str]] | None:

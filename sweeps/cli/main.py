@@ -21,7 +21,6 @@ from sweeps.cli import plot as cli_plot
 from sweeps.cli import read as cli_read
 from sweeps.cli import run as cli_run
 from sweeps.cli import zoom as cli_zoom
-from sweeps.config import scenes
 from sweeps.errors import Failed, Refused
 from sweeps.interrupts import raised_at_once
 from sweeps.text import near_misses, progress_shown, shortened, shown_count, suggestion
@@ -47,7 +46,7 @@ class InitCommand(Command):
     def format_epilog(self, ctx: Any, formatter: Any) -> None:
         """Write the names of the scenes at the end of the help."""
         with formatter.section("Scenes"):
-            names = textwrap.wrap(", ".join(scenes()), 76, break_on_hyphens=False)
+            names = textwrap.wrap(", ".join(common.scenes()), 76, break_on_hyphens=False)
             formatter.write("".join(f"  {line}\n" for line in names))
 
 
@@ -138,18 +137,18 @@ def _common(
 
 
 def init_command(
-    scene: str = common.argument("SCENE", "The name of a scene.", "quickstart", scenes),
+    scene: str = common.argument("SCENE", "The name of a scene.", "quickstart", common.scenes),
 ) -> None:
     """Write a scene to this folder: its configuration with comments, and its table, if any."""
     from sweeps.store.replacing import check_target, writing
 
-    texts = scenes()
+    texts = common.scenes()
     if scene not in texts:
         raise Refused(
             f"there is no scene {scene!r}{suggestion(near_misses(scene, texts))}; "
             f"expected: {', '.join(texts)}"
         )
-    files = {f"{scene}{ending}": scenes(ending).get(scene) for ending in (".csv", ".yaml")}
+    files = {f"{scene}{ending}": common.scenes(ending).get(scene) for ending in (".csv", ".yaml")}
     new_texts = {Path(name): text for name, text in files.items() if text is not None}
     for path in new_texts:
         check_target(path, "configuration", only_new=True)

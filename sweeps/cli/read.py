@@ -72,7 +72,7 @@ def _show_attractors(
     cuts = common.selection_of(at)
     with common.opened_in_si(file) as sweep, common.named(file):
         refuse_points(sweep.whole.columns, csv)
-        part = text.cut(sweep, cuts)
+        part = text.starts_at(sweep, cuts)
         with progress_shown(work):
             result = find(part)
         common.say_moved(sweep, cuts, "shown")

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from sweeps.cli import common
-from sweeps.config import scenes
 from sweeps.errors import Failed, Refused
 from sweeps.interrupts import Cancelled, check, raised_at_once, signal_came
 from sweeps.text import command, progress_shown, shortened
@@ -205,7 +204,7 @@ def explore_command(
     from sweeps.config.loading import parse_config
 
     config = (
-        parse_config(scenes()["quickstart"], "quickstart", "quickstart", overrides)
+        parse_config(common.scenes()["quickstart"], "quickstart", "quickstart", overrides)
         if source is None
         else read_config(source, overrides, verify=True)
     )

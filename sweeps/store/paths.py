@@ -22,7 +22,7 @@ from sweeps.store.replacing import (
     absolute,
     check_place,
     identity,
-    kind,
+    not_regular,
     of_another_user,
     reason,
 )
@@ -119,7 +119,7 @@ def open_regular(path: Path) -> io.BufferedReader:
         raise
     except (OSError, ValueError) as error:  # too long a name, a null byte
         raise UnreadableError(path, error) from None
-    raise StoreError(f"{path} is {kind(mode)} and so not the file of a sweep")
+    raise StoreError(f"{path} is {not_regular(mode)} and so not the file of a sweep")
 
 
 def is_sweep(path: Path) -> bool:

@@ -127,7 +127,7 @@ def check_place(path: Path, what: str) -> Path:
         raise StoreError(f"{path} is a directory; give the {what} the name of a file")
     if not stat.S_ISREG(mode):
         raise StoreError(
-            f"{path} is {kind(mode)} and will not be replaced; give the {what} another name"
+            f"{path} is {not_regular(mode)} and will not be replaced; give the {what} another name"
         )
     return target
 
@@ -152,7 +152,7 @@ def _unportable(name: str) -> str:
     return f"can be named {device[1]}, with any ending" if device else ""
 
 
-def kind(mode: int) -> str:
+def not_regular(mode: int) -> str:
     """Return the words for something that is not a regular file."""
     kinds = {
         stat.S_IFDIR: "a directory",

@@ -175,7 +175,7 @@ def on_its_way(regimes: np.ndarray, distance: np.ndarray) -> np.ndarray:
     return (regimes == Regime.PERIODIC) & (distance > TOLERANCE)  # False for NaN
 
 
-def partition(regimes: np.ndarray, distance: np.ndarray) -> dict[str, np.ndarray]:
+def by_destination(regimes: np.ndarray, distance: np.ndarray) -> dict[str, np.ndarray]:
     """Return the masks of the points with a result, each in one, by what is said of the motion."""
     going = on_its_way(regimes, distance)
     return {

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from sweeps import attractors, integrity
-from sweeps.attractor.attractor_table import attractor_report, attractor_rows, cut
+from sweeps.attractor.attractor_table import attractor_report, attractor_rows, starts_at
 from sweeps.attractor.tracking import MOST_TRACKED
 from sweeps.errors import Refused
 from sweeps.opened.opened_sweep import OpenedSweep
@@ -45,7 +45,7 @@ def test_the_table_over_a_parameter(computed_starts):
     result = call("attractors", file, "--at", "omega=1.3001")
     assert "2/3" in result.stdout and "1/1" in result.stdout
     assert "shown at omega = 1.3" in result.stderr
-    here = cut(OpenedSweep(dataset), {"omega": 1.3})
+    here = starts_at(OpenedSweep(dataset), {"omega": 1.3})
     assert len(attractor_rows(here, attractors(here))) == 2
 
 
@@ -65,16 +65,16 @@ def test_a_refusal_offers_only_what_can_be_fixed():
     """Of a grid the parameters and the phase of the starts, not the starts; of a table nothing."""
     at_starts = np.zeros((2, 3, 4, 16, 2))
     grid = given_sections(at_starts, 1, axes=("omega", "phase", "v0"))
-    assert cut(OpenedSweep(grid), {"omega": 0.1, "phase": 0.2})["status"].dims == ("v0",)
+    assert starts_at(OpenedSweep(grid), {"omega": 0.1, "phase": 0.2})["status"].dims == ("v0",)
     for name in ("v0", "direction", "h"):
         with pytest.raises(
             Refused, match=f"{name} cannot be fixed here; choose from: omega, phase"
         ):
-            cut(OpenedSweep(grid), {name: 1.0})
+            starts_at(OpenedSweep(grid), {name: 1.0})
     table = given_sections(np.zeros((4, 16, 2)), 1, axes=("point",))
     for name in ("point", "omega"):
         with pytest.raises(Refused, match=f"{name} cannot be fixed here; there is no axis to"):
-            cut(OpenedSweep(table), {name: 1.0})
+            starts_at(OpenedSweep(table), {name: 1.0})
 
 
 def test_the_colours_of_the_basins_are_the_attractors(computed_starts):

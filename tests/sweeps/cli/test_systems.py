@@ -16,7 +16,7 @@ import xarray as xr
 import yaml
 
 from sweeps import load_config, run_sweep
-from sweeps.config import scenes
+from sweeps.cli.common import scenes
 from tests.helpers.commands import accepted
 from tests.helpers.interruptions import KINDS, SWEEP, hear, share_written, wait_until
 from tests.helpers.places import CONFIGS, ROOT
