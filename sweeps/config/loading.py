@@ -30,6 +30,8 @@ from vibroimpact import inputs
 _MOST_BYTES = 250_000
 #: Most errors reported; of the others only the number is given.
 _MOST_ERRORS = 8
+#: What to do with a sweep file that is given in place of its configuration.
+_OF_A_FILE = "; vibroimpact info --config shows that of a sweep file"
 
 
 def load_config(
@@ -73,8 +75,8 @@ def load_config(
         path = Path(source)  # type: ignore[arg-type]
     except TypeError:
         typed, expected = inputs.input_text(source), f"a YAML file, or {key_list(SweepConfig)}"
-        hint = "; vibroimpact info --config shows that of a sweep file"
-        raise ConfigError(f"the configuration is {typed}; expected: {expected}{hint}") from None
+        problem = f"the configuration is {typed}; expected: {expected}{_OF_A_FILE}"
+        raise ConfigError(problem) from None
     return parse_config(_text(path), str(path), path.stem, overrides)
 
 
@@ -149,6 +151,7 @@ def _without_numpy(value: Any, level: int = 2) -> Any:
 
 def _text(path: Path) -> str:
     """Read a file of at most ``_MOST_BYTES`` bytes, in UTF-8 or, as its first bytes say, UTF-16."""
+    data = b""
     try:
         with path.open("rb") as file:
             data = file.read(_MOST_BYTES + 1)
@@ -160,7 +163,8 @@ def _text(path: Path) -> str:
         raise ConfigError(missing_text(path)) from None
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or str(error)
-    raise ConfigError(f"{path}: cannot be read ({reason}); expected: a YAML file in UTF-8")
+    hint = _OF_A_FILE if data.startswith(b"\x89HDF") else ""
+    raise ConfigError(f"{path}: cannot be read ({reason}); expected: a YAML file in UTF-8{hint}")
 
 
 def _parse(text: str, origin: str, key: Key = ()) -> tuple[Any, dict[Key, str]]:

@@ -69,12 +69,14 @@ CYCLIC["R"] = [CYCLIC]
         (None, [], "the configuration is None; expected: a YAML file, or a mapping with keys"),
         (["oscillator"], [], "the configuration is ['oscillator']; expected: a YAML file, or"),
         (xr.Dataset({"status": 0}), [], "; vibroimpact info --config shows that of a sweep file"),
+        ("a.h5", [], "YAML file in UTF-8; vibroimpact info --config shows that of a sweep file"),
         ({}, [1], "override 1: expected key=value, for example oscillator.h=0.2"),
         ({}, "name=a", "overrides = 'name=a'; expected: a list of texts key=value"),
         ({}, None, "overrides = None; expected: a list of texts key=value"),
     ],
 )
 def test_arguments_that_are_no_configuration(source, overrides, part):
+    Path("a.h5").write_bytes(b"\x89HDF\r\n\x1a\n")
     with pytest.raises(ConfigError) as caught:
         load_config(source, overrides)
     assert part in str(caught.value)
