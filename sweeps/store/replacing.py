@@ -101,7 +101,7 @@ def check_place(path: Path, what: str) -> Path:
             f"the {what} {name} cannot be used: on Windows no file {problem}; give the {what} "
             "another name"
         )
-    target = path
+    target, mode = path, stat.S_IFREG  # as of a file that is made
     absolute(path)
     try:
         with suppress(FileNotFoundError):
@@ -118,9 +118,8 @@ def check_place(path: Path, what: str) -> Path:
                 f"the folder {target.parent} of the {what} {path.name}{link} does not exist"
                 f"{of_shell(path)}"
             )
-        mode = os.stat(target).st_mode
-    except FileNotFoundError:
-        return target
+        with suppress(FileNotFoundError):
+            mode = os.stat(target).st_mode
     except (OSError, ValueError) as error:  # a name too long, a null byte, a loop of links
         raise StoreError(f"the {what} {name} cannot be used: {reason(error)}") from None
     if stat.S_ISDIR(mode):
@@ -129,6 +128,9 @@ def check_place(path: Path, what: str) -> Path:
         raise StoreError(
             f"{path} is {not_regular(mode)} and will not be replaced; give the {what} another name"
         )
+    folder = absolute(target.parent)
+    if not os.access(folder, os.W_OK | os.X_OK):
+        raise StoreError(f"no file can be made in the folder {folder} of the {what} {path.name}")
     return target
 
 

@@ -41,6 +41,12 @@ def test_an_output_folder_that_does_not_exist_and_a_disk_that_is_too_small(monke
     assert re.search(r"the sweep takes about \d+\.?\d* kB .* has only 1 kB left", told)
 
 
+def test_a_folder_where_no_file_can_be_made_is_refused_before_any_work(small_file, monkeypatch):
+    monkeypatch.setattr("os.access", lambda _, mode: not mode & os.W_OK)
+    for command in ("run sweep.yaml", "plot small.h5", "export small.h5 -o a.csv", "init"):
+        assert f"no file can be made in the folder {Path().absolute()}" in refused(*command.split())
+
+
 @pytest.mark.parametrize("place", [".", "..", "/", "", "loop", "fifo.h5", "old.h5"])
 def test_what_is_no_file_of_a_sweep(small_file, place):
     """A folder, a link to itself, a FIFO without a writer, a file with the name of its blocks."""
