@@ -26,7 +26,7 @@ from typing import Any
 import numba
 import platformdirs
 
-from vibroimpact.jit.watching import CHECKS, tell
+from vibroimpact.jit.watching import tell
 
 #: The kinds of nodes that may have a docstring.
 _DOCUMENTED = (ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)
@@ -236,8 +236,6 @@ def claimed(path: Path) -> Any:
             if time.monotonic() > last:
                 return None
             tell("waiting for another process, which compiles the same")
-            for check in list(CHECKS):
-                check()
             time.sleep(_INTERVAL)
     except (OSError, NotImplementedError):
         return None

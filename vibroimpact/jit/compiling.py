@@ -19,7 +19,7 @@ import numba
 import numpy as np
 
 from vibroimpact.jit.cache import cache_folder, make_folder, warn_once
-from vibroimpact.jit.watching import CHECKS
+from vibroimpact.jit.watching import watched
 from vibroimpact.jit.way import WAY
 
 if WAY.name == "private":
@@ -167,7 +167,7 @@ def translate(function: Any, *arguments: Any) -> None:
 def called_before_passes(check: Callable[[], None]) -> Iterator[None]:
     """Call `check` before every pass of the compiler in the block, so that it can end the work.
 
-    While another process compiles the same code it is called, too.
+    Like every watcher it is called, too, while another process compiles the same code.
     """
     try:
         from numba.core.event import Listener, install_listener
@@ -182,12 +182,8 @@ def called_before_passes(check: Callable[[], None]) -> Iterator[None]:
         def on_end(self, event: object) -> None:
             pass
 
-    CHECKS.append(check)
-    try:
-        with install_listener("numba:run_pass", Check()):
-            yield
-    finally:
-        CHECKS.remove(check)
+    with watched(lambda *_: check()), install_listener("numba:run_pass", Check()):
+        yield
 
 
 def on_threads(

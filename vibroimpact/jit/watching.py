@@ -7,9 +7,8 @@ from collections.abc import Callable, Iterator
 
 #: What a user is told of a compilation.
 COMPILING = "compiling, which takes some ten seconds, once on this machine"
-#: Called while this process waits; each may raise an exception, which ends the wait.
-CHECKS: list[Callable[[], object]] = []
-#: Called with what is done in the words of a user: at its begin, and with ``""`` at its end.
+#: Called with what is done in the words of a user: at its begin, while it waits, and with ``""`` at
+#: its end. Each may raise an exception, which ends the wait or the compilation.
 WATCHERS: list[Callable[[str, str], object]] = []
 
 
