@@ -76,6 +76,5 @@ def _read(function: Callable[..., Any], text: str, origin: str) -> Any:
         line = text.count("\n", 0, error.position) + 1
         problem = f"it has the character {chr(error.character)!a}, which is not allowed"
         raise ConfigError(f"{origin}, line {line}: not valid YAML: {problem}") from None
-    except (yaml.YAMLError, RecursionError, ValueError, OverflowError) as error:
-        # ValueError and OverflowError come from invalid escapes, for example "\\U00110000".
+    except (ValueError, OverflowError) as error:  # of the escapes "\\U00110000", "\\UFFFFFFFF"
         raise ConfigError(f"{origin}: not valid YAML: {shortened(str(error), 300)}") from None
