@@ -122,13 +122,18 @@ def open_regular(path: Path) -> io.BufferedReader:
     raise StoreError(f"{path} is {not_regular(mode)} and so not the file of a sweep")
 
 
+def has_file(path: Path) -> bool:
+    """Whether there is a file that is not empty; blocks are read only without one."""
+    return content(path) not in (None, Content.NOTHING)
+
+
 def is_sweep(path: Path) -> bool:
     """Return whether the path has an HDF5 file, of a sweep or not, or an incomplete sweep."""
     try:
-        kind_there = content(path) or content(parts_path(path) / SCHEMA)
+        held = content(path if has_file(path) else parts_path(path) / SCHEMA)
     except StoreError:
         return False  # reading it as YAML reports the error
-    return kind_there in (Content.SWEEP, Content.HDF5)
+    return held in (Content.SWEEP, Content.HDF5)
 
 
 def check_output(path: str | Path, *, overwrite: bool = False, resume: bool = False) -> None:

@@ -24,7 +24,7 @@ from xarray.backends import BackendArray, BackendEntrypoint, CachingFileManager
 from xarray.core import indexing
 
 from sweeps.errors import Refused, StoreError
-from sweeps.store.paths import SCHEMA, Content, content, open_regular, parts_path
+from sweeps.store.paths import SCHEMA, has_file, open_regular, parts_path
 from sweeps.store.replacing import TRAILER, UnreadableError, identity, reason
 from sweeps.store.variables import VARIABLES, attributes_of
 from vibroimpact.inputs import FLAG, PATH
@@ -93,7 +93,7 @@ class SweepEngine(BackendEntrypoint):
             return False
         try:
             path = Path(filename_or_obj)
-            if not path.exists() or not path.stat().st_size:
+            if not has_file(path):
                 path = parts_path(path) / SCHEMA
             with open_regular(path) as file:
                 file.seek(-len(TRAILER), os.SEEK_END)
@@ -105,8 +105,6 @@ class SweepEngine(BackendEntrypoint):
 #: What selects values along each dimension; at most one array.
 Index = tuple[int | slice | np.ndarray, ...]
 
-_MISSING = (None, Content.NOTHING)
-
 
 def _read(path: Path, verify: bool) -> xr.Dataset:
     """Return the Dataset of `open_sweep`, whose arrays are read each time they are used."""
@@ -117,15 +115,15 @@ def _read(path: Path, verify: bool) -> xr.Dataset:
     try:
         folder = parts_path(path)
         while True:  # a run may complete the file, or begin another one, between two steps
-            if content(path) not in _MISSING or identity(folder / SCHEMA) is None:
+            if has_file(path) or identity(folder / SCHEMA) is None:
                 return _opened(path, check_file(path, verify=verify))
             try:
                 parts = Parts(folder, verify=verify)
-                if content(path) in _MISSING:
+                if not has_file(path):
                     with of_this_form(folder / SCHEMA):
                         return _incomplete(parts)
             except StoreError:
-                if content(path) in _MISSING:
+                if not has_file(path):
                     raise
     except (OSError, ValueError) as error:
         raise StoreError(f"{str(path)!r} cannot be read: {reason(error)}") from error
