@@ -180,6 +180,8 @@ def motion_of(point: OpenedSweep, periods: int | None, most: int = MOST_DRAWN) -
     names = TRAJECTORIES if periods is None else ("poincare_x", "poincare_v")
     columns, begun = recorded(point, names), _begun(point)
     oscillator, spec = point.oscillator, point.spec
+    if spec.longest is not None:  # each point has its own transient
+        spec = replace(spec, transient=point["transient"].item())
     if periods is None:
         return PointMotion.of(oscillator, spec, np.array(columns), spec.periods, most, begun)
     return continued(oscillator, spec, columns, periods, begun, most)
@@ -237,7 +239,6 @@ def continued(
         raise Refused(str(error)) from error
     if motion.status.failed:
         raise Refused(f"the motion cannot be computed at this point: {motion.status.meaning}")
-    turns = spec.transient + last + 1
-    turns += begun > spec.phase  # it passes the section after 2 pi
+    turns = spec.transient + last + 1 + (begun > spec.phase)  # it passes the section after 2 pi
     rows = np.stack([motion.t, motion.x, motion.v])
     return PointMotion.of(oscillator, spec, rows, periods, most, begun, turns)

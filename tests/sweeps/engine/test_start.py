@@ -188,6 +188,15 @@ def test_the_times_of_a_followed_sweep():
             assert f"after {since + more:.6g} forcing periods" in title.replace("\n", " ")
 
 
+def test_the_times_of_a_motion_with_a_transient_of_its_own():
+    """Are those of a run with this transient."""
+    text = "oscillator: {h: 0.05, R: 0.8, omega: [2.5, 2.6], f: 1.0}"
+    found = swept(text, "record={transient: auto, longest: 500, periods: 5}")
+    given = swept(text, f"record={{transient: {found['transient'][1].item()}, periods: 5}}")
+    titles = [plotting.trajectory(ds, at={"omega": 2.6}).get_suptitle() for ds in (found, given)]
+    assert titles[0] == titles[1] != ""
+
+
 OVER_PHASE = """
 oscillator: {h: 0.05, R: 0.8, omega: 2.6, f: 1.0}
 start: {x0: 0.0, v0: [-0.5, 0.3], phase: [0.0, 1.0, 2.5, 6.283185307179585]}
