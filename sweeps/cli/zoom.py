@@ -66,12 +66,9 @@ def zoom_command(
         if whole.start == sweep.config.start:
             start = whole.start.model_copy(update=_state_before(sweep, axes))
             whole = whole.model_copy(update={"start": start})
-    path = output or (
-        file.with_name(_named_after(file, axes, overrides))
-        if whole.output == file
-        else whole.output
-    )
     config = zoomed(whole, axes)
+    named = file.with_name(_named_after(file, axes, overrides))
+    path = output or (named if whole.output == file else whole.output)
     figure = path.with_suffix(".png")
     check_output(path, **existing)
     check_picture(figure)
@@ -210,9 +207,9 @@ def zoomed(config: SweepConfig, pieces: Mapping[str, Ends]) -> SweepConfig:
 
 def _piece(text: str) -> tuple[str, Ends]:
     """Read a name with its limits."""
-    name, equals, ends = text.partition("=")
+    name, _, ends = text.partition("=")
     piece = common.interval(ends)
-    if not equals or piece is None:
+    if not name.strip() or piece is None:
         raise Refused(refusal(text, f"NAME={common.LIMITS}, as omega=2.71:2.76"))
     return name.strip(), piece
 

@@ -53,7 +53,9 @@ def test_zoom_takes_the_coordinate_and_the_width_of_the_picture_and_can_be_plann
     [
         (["omega=2:1"], "expected: NAME=LOW:HIGH"),
         (["omega=2:nan"], "expected: NAME=LOW:HIGH"),
+        (["=2:3"], "expected: NAME=LOW:HIGH"),
         (["omgea=2:3"], "did you mean omega?"),
+        (["(o=2:3"], "(o is not a swept axis"),
         (["h=0:1"], "expected: omega or clearance"),
         (["omega=-1:1"], "expected: forcing frequency"),
         (["poincare_x=0:1"], "at least one swept axis"),
