@@ -212,7 +212,7 @@ def exact_samples(
     omega, pt = oscillator.omega, with_one_force(oscillator.at(oscillator.clearance))[0]
     step = np.diff(t)
     # The margin prevents rounding from halving steps that are already short enough.
-    parts = np.ceil(step * (omega * per_period / (2.0 * math.pi)) - 1e-9)
+    parts = np.ceil(step * omega * (per_period / (2.0 * math.pi)) - 1e-9)
     parts = np.nan_to_num(parts).astype(np.int64)  # NaN beside rows that are left out
     row = np.repeat(np.arange(len(step)), np.maximum(parts - 1, 0))
     first = np.searchsorted(row, np.arange(len(step)))

@@ -220,6 +220,12 @@ def test_states_between_the_steps_are_on_the_flow(osc):
     assert_allclose(np.transpose([x[flight], v[flight]]), expected, atol=1e-13)
 
 
+def test_states_between_the_steps_at_the_greatest_frequency():
+    osc = Oscillator(h=0.05, R=0.8, omega=1.7e308, f=1.0)
+    run = simulate(osc, periods=2)
+    assert 400 <= len(exact_samples(osc, run.t, run.x, run.v, 200)[0]) < 500
+
+
 def test_a_rest_stays_on_the_stop():
     osc = Oscillator(h=0.0, R=0.5, omega=0.5, f=1.0)
     run = simulate(osc, periods=2, transient=2)
