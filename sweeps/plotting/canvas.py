@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 import math
 import warnings
-from collections.abc import Callable, Container, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from functools import partial
 from itertools import pairwise
 from typing import NoReturn
@@ -141,13 +141,12 @@ class Picture(Figure):
         handles: Sequence[Artist],
         title: str | None,
         shares: Mapping[Artist, float] | None = None,
-        names_in_map: Callable[[], Container[str]] = tuple,
     ) -> None:
         """Put a legend below the panels, and increase the height of the figure.
 
         It shrinks to fit a page, but that of a map, whose entries have `shares` of it, takes a
         fifth of the height. If what covers much needs more, the panels become higher, too, but by
-        at most a half; `names_in_map` returns the names that the regions have room for.
+        at most a half.
         """
         room = SHARE / (1.0 - SHARE)
         heights = [room * (self.get_figheight() + more * self._usual) for more in (0.0, 0.5)]
@@ -156,19 +155,10 @@ class Picture(Figure):
             heights[1] = (self._height or HIGHEST) - beside
         elif self._height is not None:
             heights = [SHARE * self._height] * 2
-
-        def names_beside() -> Container[str]:
-            """Return the names in the map beside a legend of a fifth of the height."""
-            usual = self.get_figheight()
-            self.set_figheight(usual if self._height is None else (1.0 - SHARE) * self._height)
-            names = names_in_map()
-            self.set_figheight(usual)
-            return names
-
         rooms = [(WIDTH * self.bbox.width, self.dpi * each) for each in heights]
         make = partial(self.legend, loc="outside lower center")
         whole = shares is None
-        legend = fit_legend(make, handles, title, rooms, shares, names_beside, whole)
+        legend = fit_legend(make, handles, title, rooms, shares, whole)
         box = legend.get_window_extent()
         if box.width > self.bbox.width:
             self._refuse_size("legend has")
@@ -347,14 +337,13 @@ def finish(
     legend_title: str | None = None,
     record: str | None = None,
     shares: Mapping[Artist, float] | None = None,
-    names_in_map: Callable[[], Container[str]] = tuple,
 ) -> Figure:
     """Put the title above a `Picture` and the legend below it, and return the figure.
 
     In another figure, the panel gets the legend, and a title only if the page has one. `handles`
     are labelled artists for the legend, by default those of the panel. `part` is the part of the
     sweep that is shown. `record` replaces the record of the configuration in the title. A map has
-    `shares` and `names_in_map` for `Picture.add_legend`.
+    `shares` for `Picture.add_legend`.
     """
     figure = figure_of(panel)
     handles = panel.get_legend_handles_labels()[0] if handles is None else handles
@@ -367,7 +356,7 @@ def finish(
         if text:
             figure.add_title(text)
         if handles and page.legend:
-            figure.add_legend(handles, legend_title, shares, names_in_map)
+            figure.add_legend(handles, legend_title, shares)
         figure.set_height()
         lay_out(panel)
         _break_labels(figure)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_left
-from collections.abc import Callable, Container, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from copy import copy
 from functools import partial
 from statistics import median
@@ -16,7 +16,6 @@ from matplotlib.legend import Legend
 from matplotlib.lines import Line2D
 
 from sweeps.plotting.style import user_style
-from vibroimpact.points.regimes import RESTING
 
 #: Greatest share of the height that a legend takes, if it has one.
 SHARE = 0.2
@@ -37,7 +36,6 @@ def fit_legend(
     title: str | None,
     rooms: Sequence[tuple[float, float]],
     shares: Mapping[Artist, float] | None = None,
-    names_in_map: Callable[[], Container[str]] = tuple,
     shrinks: bool = False,
 ) -> Legend:
     """Return the legend that `make` makes of as many entries as have room.
@@ -47,8 +45,8 @@ def fit_legend(
     little are left out to fit the usual room. A legend that `shrinks` is small if it is higher than
     usual, then short entries come first, so that more columns fit, and then long ones have two
     lines; another is always small. If it is too large for the greatest room, all entries but one
-    can be left out: after the rare ones those with one of the `names_in_map`, and of equals the
-    last. So is the title, unless the legend shrinks.
+    can be left out: those that explain least first, and of equals the last. So is the title,
+    unless the legend shrinks.
     """
     usual, most = rooms
     widest = usual[0] / WIDTH
@@ -77,15 +75,9 @@ def fit_legend(
         legend.remove()
         heights.append(size.height if size.width <= widest else math.inf)
     entries, look = forms[heights.index(min(heights))]
-    seen = names_in_map()
-    known = [handle for handle in entries if handle.get_label() in seen]
-
-    def place(handle: Artist) -> tuple[int, float]:
-        return 0 if share(handle) < COMMON else 1 + (handle not in known), share(handle)
-
-    spare = sorted(reversed(entries), key=place)[:-1]
+    spare = sorted(reversed(entries), key=share)[:-1]
     make = partial(make, title=title if shrinks else None, **look)
-    return _fitted(make, entries, spare, most, shares, known)
+    return _fitted(make, entries, spare, most, shares)
 
 
 def _broken(handles: Sequence[Artist]) -> list[Artist]:
@@ -119,16 +111,10 @@ def legend_within(
         legend.set_loc(mpl.rcParams["legend.loc"])
 
 
-def _is_class(handle: Artist) -> bool:
-    """Whether an entry is a class m/q, or motions with rest."""
-    text = str(handle.get_label())
-    return text.startswith(RESTING) or (text[0].isdigit() and "/" in text)
-
-
 def _place(handle: Artist) -> int:
     """Return 0 for a class m/q, else the length of a label."""
     text = str(handle.get_label())
-    return 0 if _is_class(handle) and not text.startswith(RESTING) else len(text)
+    return 0 if text[0].isdigit() and "/" in text else len(text)
 
 
 def _fitted(
@@ -137,12 +123,11 @@ def _fitted(
     spare: Sequence[Artist],
     room: tuple[float, float],
     shares: Mapping[Artist, float] | None = None,
-    known: Sequence[Artist] = (),
 ) -> Legend:
     """Return a legend with as many columns as its width allows, and as many entries as its height.
 
-    The first of the `spare` entries are left out first; a further entry counts those that are not
-    `known`. With their `shares` of a map, the classes come first, and then entries of one length
+    The first of the `spare` entries are left out first; a further entry counts
+    them. With their `shares` of a map, the classes come first, and then entries of one length
     are beside each other, so that more columns fit.
     """
     width, height = room
@@ -152,9 +137,8 @@ def _fitted(
 
     def without(count: int) -> Legend:
         shown = [handle for handle in handles if handle not in spare[:count]]
-        if left_out := [handle for handle in spare[:count] if handle not in known]:
-            text = "rarer classes: " if shares and all(map(_is_class, left_out)) else "+"
-            shown.append(Line2D([], [], linestyle="", label=f"{text}{len(left_out)}"))
+        if count:
+            shown.append(Line2D([], [], linestyle="", label=f"{count} more"))
         for columns in range(min(_MOST_COLUMNS, len(shown)), 1, -1):
             legend = make(handles=shown, ncols=columns)
             if legend.get_window_extent().width <= width:

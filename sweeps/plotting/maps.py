@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Container, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -34,6 +34,8 @@ from vibroimpact.status import Status
 _LOOK_OF_PENDING: dict[str, Any] = {"edgecolor": "#888888", "hatch": "//////", "linewidth": 0.0}
 #: Look of the lines over points that are not on their orbit yet.
 _APPROACHING: dict[str, Any] = {"edgecolor": "white", "hatch": "////////", "linewidth": 0.0}
+#: Most classes that the entry of other classes names.
+_MOST_OTHERS = 3
 
 
 @functools.partial(styled, marks=True)
@@ -106,18 +108,8 @@ def parameter_map(
     if name != "period":
         return canvas.finish(panel, page, cut, [*shares], paint.title)
     numbers, names = class_numbers(*cut.classes)
-
-    def names_in_map() -> set[str]:
-        """Return the names for which the regions have room."""
-        texts = name_regions(panel, _edges_of(cut), numbers, names)
-        for text in texts:
-            text.remove()
-        return {text.get_text() for text in texts}
-
-    _name_others(shares, numbers[view], names, set if page.height else names_in_map)
-    figure = canvas.finish(
-        panel, page, cut, [*shares], paint.title, shares=shares, names_in_map=names_in_map
-    )
+    _name_others(shares, numbers[view], names)
+    figure = canvas.finish(panel, page, cut, [*shares], paint.title, shares=shares)
     name_and_bound(panel, page, cut, numbers, names)
     return figure
 
@@ -157,21 +149,15 @@ def entries_of(cut: OpenedSweep, cells: Iterable[Cells], view: Any = ...) -> dic
     return shares
 
 
-def _name_others(
-    patches: Iterable[Artist],
-    numbers: np.ndarray,
-    names: Mapping[int, str],
-    names_in_map: Callable[[], Container[str]],
-) -> None:
-    """Name, in the entry of other classes, those that cover much without a name in the map."""
+def _name_others(patches: Iterable[Artist], numbers: np.ndarray, names: Mapping[int, str]) -> None:
+    """Name, in the entry of other classes, the commonest of those that cover much."""
     every, counts = np.unique(numbers, return_counts=True)
     common = every[np.argsort(-counts)][: np.count_nonzero(counts >= COMMON * numbers.size)]
     classes = [name for number in common.tolist() if (name := names.get(number, ""))[:1].isdigit()]
     if others := [name for name in classes if name not in {f"{m}/{q}" for m, q in CLASSES}]:
-        seen = names_in_map()
-        listed = ", ".join(name for name in others if name not in seen)
         (patch,) = (patch for patch in patches if patch.get_label() == OTHERS)
-        patch.set_label(f"{OTHERS}: {listed}" if listed else OTHERS)
+        more = ", ..." if len(others) > _MOST_OTHERS else ""
+        patch.set_label(f"{OTHERS}: {', '.join(others[:_MOST_OTHERS])}{more}")
 
 
 def name_and_bound(
