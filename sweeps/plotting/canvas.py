@@ -257,7 +257,12 @@ def is_seen(artist: Artist) -> bool:
 
 
 def _shows_data(panel: Axes) -> bool:
-    """Whether cells, lines, dots or marks of failed points are within the limits of a panel."""
+    """Whether cells, lines, dots or marks of failed points are within the limits of a panel.
+
+    A line that is not drawn stands for a density, whose pixels tell.
+    """
+    if not all(line.get_visible() for line in panel.lines):
+        return True
     points, data = points_in(panel), panel.transData
     has_cells = not len(points) or any(isinstance(each, QuadMesh) for each in panel.collections)
     if has_cells or in_view(panel, *points.T).any():
@@ -266,14 +271,17 @@ def _shows_data(panel: Axes) -> bool:
     return any(each.get_linestyle() == "None" or each.get_transform() == data for each in lines)
 
 
-def refuse_gap(panel: Axes, page: Page) -> None:
+def _refuse_gap(panel: Axes, page: Page) -> None:
     """Refuse limits that show nothing of the data; name the values beside one range of a page."""
-    limits = {"xlim": page.xlim, "ylim": page.ylim}
     panels = [panel] if page.ylim else panel.get_shared_x_axes().get_siblings(panel)
-    if any(map(_shows_data, panels)):
-        return
-    ranges, points = list[str](), points_in(panel)
-    values = np.unique(points[np.isfinite(points).all(axis=1)][:, int(page.xlim is None)])
+    if not any(map(_shows_data, panels)):
+        points = points_in(panel)
+        refuse_limits(page, points[np.isfinite(points).all(axis=1)][:, int(page.xlim is None)])
+
+
+def refuse_limits(page: Page, values: np.ndarray) -> NoReturn:
+    """Refuse the limits of a page; name those of the values that are beside a single range."""
+    limits, ranges, values = {"xlim": page.xlim, "ylim": page.ylim}, list[str](), np.unique(values)
     for name, ends in limits.items():
         if ends is not None:
             after = int(values.searchsorted(ends[0]))
@@ -349,7 +357,7 @@ def finish(
     handles = panel.get_legend_handles_labels()[0] if handles is None else handles
     handles = [handle for handle in handles if is_seen(handle)]
     if page.xlim or page.ylim:
-        refuse_gap(panel, page)
+        _refuse_gap(panel, page)
     _set_labels(panel, page)
     if isinstance(figure, Picture):
         text = title_of(part, record) if page.title is None else page.title

@@ -21,7 +21,7 @@ from sweeps.plotting.colours import Paint, legend_entries, paint_of
 from sweeps.plotting.exact_lines import draw_branches, name_branches, without_gaps, without_idle
 from sweeps.plotting.marks import agreeing, draw_jumps, draw_points, mark_status, widen_if_constant
 from sweeps.plotting.page import PAGE, Page, styled
-from sweeps.plotting.pixels import cell_edges, draw_density, in_view, value_ranges
+from sweeps.plotting.pixels import draw_density, in_view, value_ranges
 from sweeps.plotting.table_points import draw_overlay, read_overlay
 from sweeps.store.variables import DIRECTION, FLAGS
 from vibroimpact.points.regimes import NO_CLASS, has_result
@@ -113,8 +113,6 @@ def bifurcation(
         labels.set_ends(panel.xaxis, motions.values.min(), motions.values.max())
     widen_if_constant(panel.yaxis, low, high)
     page = page.set_limits(panel, fit=True)
-    if motions.dense and page.ylim:
-        motions.find_nearest(panel, page.ylim)
     for below_it, name in zip(lower, names, strict=True):
         motions.draw_scalar(below_it, name)
         page.fit_ordinate(below_it)
@@ -131,7 +129,8 @@ def bifurcation(
     figure = canvas.finish(panel, page, line, handles, title, record)
     if motions.dense:
         parts = motions.values, motions.ways, coordinate, motions.colours, motions.rgba
-        draw_density(panel, *parts)
+        if not draw_density(panel, *parts):
+            canvas.refuse_limits(page, np.empty(0))
     return figure
 
 
@@ -192,25 +191,10 @@ class _Motions:
         if np.isnan(ends).all():
             contents.refuse_empty(self.line, self.coordinate)
         if self.dense:
-            (self.unseen,) = panel.plot(np.repeat(self.values, 2), ends.ravel(), visible=False)
+            panel.plot(np.repeat(self.values, 2), ends.ravel(), visible=False)
         else:
             self._mark(panel, self._records())
         return float(np.nanmin(ends)), float(np.nanmax(ends))
-
-    def find_nearest(self, panel: Axes, limits: tuple[float, float]) -> None:
-        """Let what stands for a density be the values nearest to the middle of limits.
-
-        If none of these is within the limits, nothing is. A column reaches halfway to its
-        neighbours, and here its place is where it is nearest to the panel.
-        """
-        middle = 0.5 * sum(limits)
-        below = value_ranges(self.ways, self.coordinate, high=middle)
-        above = value_ranges(self.ways, self.coordinate, low=middle)
-        order = np.argsort(self.values)
-        edges = cell_edges(self.values[order], panel.get_xscale() == "log")
-        x = np.clip(self.values[order], *panel.get_xbound()).clip(edges[:-1], edges[1:])
-        y = np.hstack([below, above])[order]
-        self.unseen.set(data=(np.repeat(x, 4), y.ravel()), linestyle="")
 
     def _records(self) -> list[np.ndarray]:
         """Return the coordinate in each direction, shape (n, record), NaN without a result."""

@@ -110,19 +110,15 @@ def computed_parts(line: OpenedSweep, coordinate: str) -> Iterator[tuple[np.ndar
             yield cut.start + kept, recorded_coordinate(part, coordinate).values[kept]
 
 
-def value_ranges(
-    lines: Sequence[OpenedSweep], coordinate: str, low: float = -np.inf, high: float = np.inf
-) -> np.ndarray:
+def value_ranges(lines: Sequence[OpenedSweep], coordinate: str) -> np.ndarray:
     """Return the least and the greatest value of a coordinate at each point, NaN without values.
 
-    They are those from `low` to `high`. The points are those of each of the lines, the shape of the
-    result is (n, 2).
+    The points are those of each of the lines, the shape of the result is (n, 2).
     """
     ends = np.full((lines[0]["status"].size, 2), np.nan)
     for line in lines:
         for points, values in computed_parts(line, coordinate):
-            within = np.isfinite(values) & (low <= values) & (values <= high)
-            values = np.where(within, values, np.nan)
+            values = np.where(np.isfinite(values), values, np.nan)
             for column, least_or_most in enumerate((np.fmin, np.fmax)):
                 here = least_or_most.reduce(values, axis=1)
                 ends[points, column] = least_or_most(ends[points, column], here)
@@ -149,8 +145,10 @@ def draw_density(
     coordinate: str,
     colours: Sequence[str],
     tint: np.ndarray | None = None,
-) -> None:
+) -> bool:
     """Draw the share of each column's points in each of its pixels, with a colour bar.
+
+    Return whether there is any point in the panel.
 
     Call this last, because the pixels are those of the finished panel in a PNG. A column is one of
     the `values` of the axis, or one pixel wide if there are more values than pixels. With two
@@ -174,7 +172,7 @@ def draw_density(
             owner.reshape(-1)[pixel] = number
         image = np.append(tint, np.zeros((1, 4)), axis=0)[owner]
         panel.pcolormesh(*edges, image.swapaxes(0, 1), rasterized=True)
-        return
+        return bool((owner >= 0).any())
     shares = []
     for way in ways:
         counts = np.zeros(shape)
@@ -188,6 +186,7 @@ def draw_density(
     for share, ramp in zip(shares, ramps, strict=True):
         cells = np.ma.masked_equal(share, 0.0).T
         panel.pcolormesh(*edges, cells, norm=_SCALE_OF_SHARES, cmap=ramp, rasterized=True)
+    return any(share.any() for share in shares)
 
 
 def _edges_of_pixels(

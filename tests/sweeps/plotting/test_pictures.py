@@ -292,11 +292,8 @@ def test_limits_between_the_branches_of_a_density_are_refused(dataset, monkeypat
     after = int(np.argmax(np.diff(values)))
     low, high = values[after : after + 2].tolist()
     gap, inside = (0.9 * low + 0.1 * high, 0.1 * low + 0.9 * high), x.sel(omega=2.3).values[-1]
-    with pytest.raises(Refused, match=rf"nothing to draw with .*ylim = {gap[0]:.3g}") as refused:
+    with pytest.raises(Refused, match=rf"nothing to draw with .*ylim = {gap[0]:.3g}"):
         plotting.bifurcation(dataset, page=Page(xlim=xlim, ylim=gap, marks=False))
-    if xlim is None:
-        nearest = str(refused.value).rpartition(" are ")[2].split(", ")
-        np.testing.assert_allclose([*map(float, nearest)], [low, high], rtol=1e-4)
     page = Page(xlim=xlim, ylim=(inside - 1e-3, inside + 1e-3))
     assert plotting.bifurcation(dataset, page=page).axes[0].collections[-1].get_array().count()
 
