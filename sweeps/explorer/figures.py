@@ -103,6 +103,13 @@ def _formatter(log: bool, factor: float) -> models.TickFormatter:
     return models.BasicTickFormatter(tags=tags)
 
 
+#: Reports which picture is on the screen: one drawn in a frame is visible in the next.
+_PAINTED = """
+const number = pixels.data.number[0];
+requestAnimationFrame(() => requestAnimationFrame(() => {painted.value = number}));
+"""
+
+
 class PixelFigure:
     """A figure with the tools common to all pictures; it calls `report` when a picture is shown.
 
@@ -126,6 +133,10 @@ class PixelFigure:
         self.size = (0, 0)
         columns: dict[str, list[Any]] = {key: [] for key in ("image", "x", "y", "dw", "dh")}
         self.source = models.ColumnDataSource(columns, name=f"{name} pixels")
+        #: The numbers of the picture that the browser painted last and of the one sent last.
+        self.painted, self.sent = models.NumericInput(visible=False, value=0), 0
+        parts = {"pixels": self.source, "painted": self.painted}
+        self.source.js_on_change("data", models.CustomJS(args=parts, code=_PAINTED))
         self._colours = models.LinearColorMapper(palette=[_CLEAR], low=-0.5, high=0.5)
         self.figure.image("image", color_mapper=self._colours, source=self.source, level="image")
         look = {"visible": False, "level": "overlay"}
@@ -150,6 +161,11 @@ class PixelFigure:
         width, height = self.size
         self._waits.update(text=text, x=width / 2, y=height / 2, visible=bool(text))
         self._veil.visible = bool(text)
+
+    @property
+    def is_painted(self) -> bool:
+        """Whether the browser has painted the picture that was sent last."""
+        return bool(self.painted.value == self.sent)
 
     @property
     def resolution(self) -> tuple[int, int]:
@@ -204,7 +220,8 @@ class PixelFigure:
     def set_pixels(self, pixels: np.ndarray, x: Window, y: Window, **columns: list[Any]) -> None:
         """Show pixels, shape (rows, columns), between these edges."""
         edges = {"x": [x[0]], "y": [y[0]], "dw": [x[1] - x[0]], "dh": [y[1] - y[0]]}
-        self.source.data = {"image": [pixels], **edges, **columns}
+        self.sent += 1
+        self.source.data = {"image": [pixels], "number": [self.sent], **edges, **columns}
 
 
 def outer_edges(values: np.ndarray, log: bool) -> Window:

@@ -55,13 +55,6 @@ const fitted = [{list(_UNSEEN)}, fit ?? []];
 fits.active = fitted.some(([start, end]) => y.start === start && y.end === end);
 fit_ordinate();
 """
-#: Fits the ordinate, and reports which picture is on the screen: a picture drawn in one frame is
-#: visible in the next.
-_PAINTED = f"""{_FIT}
-fit_ordinate();
-const number = pixels.data.number[0];
-requestAnimationFrame(() => requestAnimationFrame(() => {{painted.value = number}}));
-"""
 
 
 def ramp() -> list[str]:
@@ -149,11 +142,9 @@ class Diagram(PixelFigure):
         self.fits = models.Toggle(visible=False, active=False, name="fits")
         self.figure.xgrid.grid_line_alpha = self.figure.ygrid.grid_line_alpha = 0.4
         self.set_colours(ramp())
-        #: The numbers of the picture that the browser painted last and of the one sent last.
-        self.painted, self.sent = models.NumericInput(visible=False, value=0), 0
         y = self.figure.y_range
-        parts = {"pixels": self.source, "painted": self.painted, "y": y, "fits": self.fits}
-        self.source.js_on_change("data", models.CustomJS(args=parts, code=_PAINTED))
+        parts = {"pixels": self.source, "y": y, "fits": self.fits}
+        self.source.js_on_change("data", models.CustomJS(args=parts, code=f"{_FIT}fit_ordinate();"))
         for end in ("start", "end"):
             y.js_on_change(end, models.CustomJS(args=parts, code=_MOVED))
         self._strips = self._new_strips()
@@ -252,12 +243,11 @@ class Diagram(PixelFigure):
 
     def _paint(self, picture: Snapshot, seconds: float) -> None:
         """Show a picture, the window that fits it, and the points that failed."""
-        self.sent += 1
         edges = outer_edges(picture.values, picture.view.axis in picture.view.log)
         if picture.view.ylim is None:
             self._fit = picture.window
             self._label_ordinate()
-        self.set_pixels(picture.pixels, edges, picture.window, number=[self.sent], fit=[self._fit])
+        self.set_pixels(picture.pixels, edges, picture.window, fit=[self._fit])
         for kind, (source, item) in self._strips.items():
             x = picture.values[picture.has(kind)]
             if len(x) or len(source.data["x"]):

@@ -278,7 +278,9 @@ class Map(PixelFigure):
         return view.tiles(self._tab, *self.resolution)
 
     def _paint(self, view: View, tiles: Tiles, seconds: float) -> None:
-        """Show a map and its legend."""
+        """Show a map and its legend; one that is not complete waits for no slow connection."""
+        if tiles.points < tiles.config.sweep.size and not self.is_painted:
+            return
         axes, nomenclature = tiles.config.sweep.grid.axes, tiles.config.nomenclature
         sides = [(name, nomenclature.value(name, axes[name])) for name, _ in view.plane(self._tab)]
         x, y = (outer_edges(values, name in view.log) for name, values in sides)

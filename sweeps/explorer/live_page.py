@@ -84,7 +84,8 @@ class LivePage:
             pictures, self.controls.layout, sizing_mode="stretch_both",
             stylesheets=[_CONTROLS_LEFT, narrow(**auto, flex_direction="column")],
         )  # fmt: skip
-        hidden = (self._address, self._key, self.diagram.painted, self.diagram.fits)
+        painted = (picture.painted for picture in self._pictures)
+        hidden = (self._address, self._key, *painted, self.diagram.fits)
         # Last, because Bokeh visits all models of a document after each change of its models.
         document.add_root(
             column(
@@ -131,10 +132,10 @@ class LivePage:
         for picture in self._pictures:
             for name in ("inner_width", "inner_height"):
                 picture.figure.on_change(name, partial(self._resized, picture))
+            picture.painted.on_change("value", self._painted)
         for plot in figures:
             plot.on_event(Reset, lambda _: self.change(self._at_home))
             plot.on_event(Tap, self._tapped)
-        self.diagram.painted.on_change("value", self._painted)
         self._bind(self._tabs, "active", lambda view, tab: replace(view, tab=tab))
         self._bind(self._across, "value", View.with_across)
         self._bind(
@@ -199,7 +200,7 @@ class LivePage:
         if not all(self._picture.size):
             return
         # A browser that receives pictures faster than it paints them falls behind.
-        self._waiting = self.diagram.painted.value < self.diagram.sent
+        self._waiting = not self._picture.is_painted
         self.worker.ask([] if self._waiting else self._steps())
 
     def _painted(self, attr: str, old: int, new: int) -> None:

@@ -28,7 +28,7 @@ from tornado.httpserver import HTTPServer
 from tornado.httputil import HTTPHeaders, HTTPServerRequest
 from tornado.ioloop import IOLoop
 from tornado.iostream import IOStream
-from tornado.web import ErrorHandler, OutputTransform
+from tornado.web import ErrorHandler, GZipContentEncoding, OutputTransform
 
 from sweeps.config.sweep import SweepConfig
 from sweeps.errors import Refused
@@ -192,7 +192,8 @@ class Explorer:
         hosts = [f"{name}:{self._port}" for name in _OWN_NAMES]
         application = _Application(
             self._open,
-            transforms=[partial(_Policy, hosts)],
+            transforms=[partial(_Policy, hosts), GZipContentEncoding],
+            websocket_compression_level=1,  # a map becomes a tenth
             extra_websocket_origins=hosts,
             secret=self._secret,
             secret_key=secrets.token_bytes(32),

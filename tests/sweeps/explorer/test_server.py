@@ -1,5 +1,6 @@
 """The server of the live picture: access control and shutdown."""
 
+import gzip
 import html
 import http.client
 import logging
@@ -13,7 +14,7 @@ import subprocess
 import sys
 import time
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager, suppress
+from contextlib import closing, contextmanager, suppress
 from functools import partial
 from pathlib import Path
 from urllib.parse import urlsplit
@@ -79,6 +80,11 @@ def test_only_the_address_with_its_secret_and_this_host_are_served(explorer):
         assert answer(explorer.address, path, Host=host)[0] == 403
         assert answer(explorer.address, "/static/js/bokeh.min.js", Host=host)[0] == 403
     assert answer(explorer.address, path, Host=f"localhost:{parts.port}")[0] == 200
+    script = re.search(r"/static/js/bokeh[^\"]*", text)[0]
+    with closing(http.client.HTTPConnection(parts.netloc, timeout=300)) as connection:
+        connection.request("GET", script, headers={"Accept-Encoding": "gzip"})
+        packed = connection.getresponse().read()  # for a slow connection
+    assert gzip.decompress(packed).decode() == answer(explorer.address, script)[1]
     sockets = psutil.Process().net_connections("tcp")
     bound = {s.laddr.ip for s in sockets if s.status == "LISTEN" and s.laddr.port == parts.port}
     assert bound == {"127.0.0.1"}

@@ -11,6 +11,7 @@ from sweeps import Refused, StoreError
 from sweeps.explorer import live_diagram
 from sweeps.explorer.figures import Step, Worker
 from sweeps.explorer.live_page import LivePage
+from sweeps.explorer.view import MAP_TAB
 from sweeps.interrupts import check
 
 
@@ -151,3 +152,15 @@ def test_a_picture_that_fails_is_said_to_be_the_previous_one(page, monkeypatch, 
     page.change(lambda view: view)
     settle(page)
     assert page.controls.error.text == waits.text == "" and not waits.visible
+
+
+def test_a_slow_connection_carries_the_first_and_the_last_picture_of_a_map(page):
+    """The others wait until the browser has painted, and would hold up what the user does."""
+    page.map.size, sent = (60, 40), []
+    page.map.source.on_change("data", lambda attr, old, new: sent.append(new["image"][0].shape))
+    page.change(lambda view: replace(view, tab=MAP_TAB))
+    page.worker.submit(int).result()
+    while page.posts:
+        page.posts.pop(0)()
+    assert sent == 2 * [(40, 60)] and page.map.filling._done == 2400
+    assert page.controls.status.text.startswith("2,400 points")
