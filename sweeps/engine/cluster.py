@@ -44,8 +44,6 @@ if TYPE_CHECKING:
 
 #: Longest wait for the answer of a scheduler [s].
 _PATIENCE = 6
-#: The loggers that are silent while a cluster is used, with those below them.
-_LOGGERS = ("asyncio", "dask", "distributed", "tornado")
 
 _ALLOWED = "tcp://HOST:PORT or tls://HOST:PORT of a Dask scheduler, or local:N for N processes here"
 _SCHEDULER = re.compile(r"(tcp|tls)://(\[[0-9a-fA-F:]+\]|[\w.-]+):(\d{1,5})")
@@ -68,7 +66,7 @@ def check_address(address: str) -> None:
 
 @contextmanager
 def connected(address: str) -> Iterator[Client]:
-    """Yield a client of the cluster at an address, and silence the loggers of Dask meanwhile.
+    """Yield a client of the cluster at an address, and silence all loggers meanwhile.
 
     `check_address` must have accepted the address: ``tls:`` takes the certificates of Dask's own
     configuration, and ``local:N`` starts N processes, and ends them. Raises Refused if Dask is not
@@ -206,17 +204,13 @@ def _kill(cluster: LocalCluster) -> None:
 
 @contextmanager
 def _quiet() -> Iterator[None]:
-    """Silence the loggers of Dask and of what it is built on; errors report what matters."""
-    names = [name for name in logging.root.manager.loggerDict if name.split(".")[0] in _LOGGERS]
-    loggers = [logging.getLogger(name) for name in {*_LOGGERS, *names}]
-    before = [logger.level for logger in loggers]
-    for logger in loggers:
-        logger.setLevel(logging.CRITICAL + 1)
+    """Silence all loggers, as of Dask and of what it is built on; errors report what matters."""
+    before = logging.root.manager.disable
+    logging.disable()
     try:
         yield
     finally:
-        for logger, level in zip(loggers, before, strict=True):
-            logger.setLevel(level)
+        logging.disable(before)
 
 
 #: Blocks per worker at once: one is computed, one waits, and one is on its way back.
