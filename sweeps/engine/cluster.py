@@ -280,7 +280,7 @@ class ClusterComputer:
         A caller that stops early must close the generator. Blocks of a lost worker are computed
         again. Raises Failed if the scheduler is lost or a block cannot be computed.
         """
-        from sweeps.engine.executors import as_completed  # with the compiler
+        from sweeps.engine.executors import completed  # with the compiler
 
         numerics, executor = _own_numerics(), self._client.get_executor(pure=False)
         with self._scheduler_needed():
@@ -293,7 +293,7 @@ class ClusterComputer:
                 return executor.submit(_compute, shared, block, numerics)
 
             try:
-                for block, future in as_completed(submit, blocks, self._most):
+                for block, future in completed(submit, blocks, self._most):
                     results = self._result(future)
                     advance(block_points(block))
                     yield block, results

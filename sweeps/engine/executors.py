@@ -91,7 +91,7 @@ def in_thread(function: Callable[..., Value], *arguments: Any) -> Value:
         return future.result()
 
 
-def as_completed(
+def completed(
     submit: Callable[[Block], Future[Results]], blocks: Iterable[Block], most: Callable[[], int]
 ) -> Iterator[tuple[Block, Future[Results]]]:
     """Submit blocks, with at most `most` of them pending at a time, and yield each when done."""
@@ -127,7 +127,7 @@ class LocalComputer:
     ) -> Generator[tuple[Block, Results], None, None]:
         """Yield the blocks in order, one computed while another is written; close the generator."""
         with other_thread() as executor:
-            done = as_completed(
+            done = completed(
                 lambda block: executor.submit(compute_block, sweep, block, self.threads, advance),
                 blocks,
                 lambda: 2,

@@ -15,7 +15,7 @@ from sweeps.engine import estimate as limits
 from sweeps.engine.estimate import available_memory, block_size, expected_cost, trial
 from sweeps.engine.executors import (
     LocalComputer,
-    as_completed,
+    completed,
     compute,
     compute_block,
     other_thread,
@@ -256,7 +256,7 @@ def test_one_block_is_computed_while_another_is_written_and_none_when_the_rest_i
         return {}
 
     with other_thread() as executor, pytest.raises(ValueError, match="the end"):
-        for block, future in as_completed(partial(executor.submit, compute), count(), lambda: 2):
+        for block, future in completed(partial(executor.submit, compute), count(), lambda: 2):
             assert future.result() == {}
             assert later.acquire(timeout=300.0), "the next block is not begun"
             time.sleep(0.02)  # in which one block too many would begin
