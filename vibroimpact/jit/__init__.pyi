@@ -1,5 +1,4 @@
 from .cache import NUMERICS as NUMERICS
-from .cache import name_of as name_of
 from .cache import numerics_of as numerics_of
 from .compiling import ALL_THREADS as ALL_THREADS
 from .compiling import called_before_passes as called_before_passes

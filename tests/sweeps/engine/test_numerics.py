@@ -21,8 +21,8 @@ from sweeps import open_sweep, run_sweep
 from sweeps.engine import executors
 from sweeps.errors import StoreError
 from tests.helpers.configurations import load
-from vibroimpact.jit import NUMERICS, name_of
-from vibroimpact.jit.cache import numerics_of
+from vibroimpact.jit import NUMERICS
+from vibroimpact.jit.cache import name_of, numerics_of
 from vibroimpact.oscillator import POINT
 
 pytestmark = pytest.mark.slow
