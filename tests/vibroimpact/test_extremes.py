@@ -57,6 +57,7 @@ def exact_points(count, seed):
     near = np.abs(points["omega"] - points["p"]) < 0.05
     points["omega"][near] += 0.1
     points["R"][::7] = 0.0  # motions that rest after every impact that presses them
+    points["clearance"][3::5] = 30.0  # motions that meet no stop
     return points
 
 

@@ -34,6 +34,8 @@ from vibroimpact.kernel.exact_impacts import (
     flight_in,
 )
 from vibroimpact.kernel.workspace import (
+    BOUND_BY_X,
+    CLEARANCE,
     COEFFICIENTS,
     COEFFICIENTS_SIZE,
     COLUMNS,
@@ -55,6 +57,7 @@ from vibroimpact.kernel.workspace import (
 from vibroimpact.step.impact import FreeEnd, Impact
 from vibroimpact.step.propagator import (
     Steady,
+    bound_factors,
     is_near,
     remainder_bound,
     stays_within,
@@ -63,7 +66,9 @@ from vibroimpact.step.propagator import (
 )
 from vibroimpact.step.scheme import COS, SIN
 from vibroimpact.step.turning_points import (
+    bounds,
     goes_one_way,
+    may_widen,
     reach_with,
     widen_by_flight,
     widen_by_impact,
@@ -73,11 +78,13 @@ from vibroimpact.step.turning_points import (
 
 @jit
 def set_steady(lanes, i, pt, grid):
-    """Give lane `i` the ``Steady`` of its point."""
+    """Give lane `i` the ``Steady`` of its point, and the bound of its turning points."""
     steady = steady_of(pt, grid)
     for q in range(7):
         lanes[STEADY + q * ROW + i] = steady[q]
     lanes[FORMS + i] = 0.0
+    eq = coefficients_in(lanes, COEFFICIENTS + COEFFICIENTS_SIZE * i, 1)
+    _, _, lanes[BOUND_BY_X + i] = bound_factors(eq, 0.0, grid.phase_step)
 
 
 @inlined
@@ -142,9 +149,13 @@ def widen_by_lane(workspace, i, grid, n):
     old, new = (n & 1) * ROW + i, (~n & 1) * ROW + i
     y, w, y_T, w_T = lanes[Y + old], lanes[W + old], lanes[Y + new], lanes[W + new]
     f = COEFFICIENTS + COEFFICIENTS_SIZE * i + 5
-    bound = remainder_bound((lanes[f], lanes[f + 1], lanes[f + 2]), y, w)
+    factors = lanes[f], lanes[f + 1], lanes[BOUND_BY_X + i]
+    bound = remainder_bound(factors, y + lanes[CLEARANCE + i], w)
+    reach = lanes[LEAST + i], lanes[MOST + i]
+    if not may_widen(reach, bounds(y, w, y_T, w_T, grid.phase_step, bound)):
+        return
     if goes_one_way(y, w, y_T, w_T, grid.phase_step, bound):
-        lanes[LEAST + i], lanes[MOST + i] = min(lanes[LEAST + i], y_T), max(lanes[MOST + i], y_T)
+        lanes[LEAST + i], lanes[MOST + i] = reach_with(reach, y_T, y_T)
         return
     j = turning[COLUMNS] & (COLUMNS - 1)
     turning[j], turning[COLUMNS] = i, j + 1

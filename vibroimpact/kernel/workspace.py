@@ -82,6 +82,7 @@ THIRD = _rows.take()  #: A third of the step T.
 WATCHED = _rows.take()
 STEADY = _rows.take(7)  #: The ``Steady`` of the point.
 FORMS = _rows.take(4)  #: Its ``turns_near``; the first is 0 until they are needed.
+BOUND_BY_X = _rows.take()  #: The factor of 1 in the remainder bound by x.
 #: The coefficients of (P) and the factors of the remainder bound, not in rows: the eight numbers of
 #: one lane are contiguous.
 COEFFICIENTS = _rows.size

@@ -34,6 +34,9 @@ rounding of 2 ``SLACK`` times |y| + |w| + S. The ``extent`` S of the motion does
 step. The slack also keeps a near graze from being taken for safe. The bound of a part t of the step
 is that of the whole step times (t / step)^4.
 
+In a step without impact, x follows (P) without of_1, and so has such a bound, too, with |x| instead
+of |y|. A distant stop does not make it large, so turning points are proved by it.
+
 **Near the free oscillation** Y, of the amplitude A. Let a motion be free, and let y - Y be d, which
 follows eq. (P) without force. In the norm hypot(d, d' omega / p) it does not grow. If |d'| and
 |d| p / omega are below 2^-27 A at a section, the motion then turns where Y does, at a height that
@@ -133,16 +136,19 @@ def propagator_of(eq, phase_step, c):
     yc, wc = value_and_slope(c, 0, 1.0)
     expand(eq, 0.0, 0.0, 0.0, 0.0, phase_step, c)
     y1, w1 = value_and_slope(c, 0, 1.0)
-    bound_y, bound_w, bound_1 = bound_factors(eq, phase_step)
+    bound_y, bound_w, bound_1 = bound_factors(eq, abs(eq.of_1), phase_step)
     propagator = Propagator(yy, yw, wy / phase_step, ww / phase_step, bound_y, bound_w, bound_1)
     return propagator, Forcing(ys, yc, y1, ws / phase_step, wc / phase_step, w1 / phase_step)
 
 
 @inlined
-def bound_factors(eq, phase_step):
-    """Return the factors of |y|, |w| and 1 in the remainder bound of a whole step."""
+def bound_factors(eq, load, phase_step):
+    """Return the factors of |y|, |w| and 1 in the remainder bound of a whole step.
+
+    The `load` is |of_1|, or 0 for factors of |x|, |w| and 1.
+    """
     a, b, f = -eq.of_w, -eq.of_y, -eq.of_sin
-    root, greatest = math.sqrt(b), f + abs(eq.of_1)
+    root, greatest = math.sqrt(b), f + load
     # The factors of V and of 1 in the bounds of the derivatives.
     V_0 = greatest * phase_step
     two_V, two_1 = a + root, (a + root) * V_0 + greatest

@@ -18,11 +18,13 @@ from vibroimpact.step.exact_step import exact_step
 from vibroimpact.step.impact import FIRST, NOTHING, ONLY, Flight, FreeEnd, launch_after, meet_stop
 from vibroimpact.step.integrators import affine_map, apply_map
 from vibroimpact.step.propagator import (
+    bound_factors,
     coefficients_of,
     forced,
     from_dimensionless,
     propagate,
     propagator_of,
+    remainder_bound,
     to_dimensionless,
 )
 from vibroimpact.step.scheme import COS, EXACT, PLAIN, SIN, THETA, PhaseGrid
@@ -102,6 +104,8 @@ def take_exact_step(prepared, state, grid, n, pt, scratch, reach, watching):
     end_wave, c = (table[SIN, n + 1], table[COS, n + 1]), scratch.coefficients
     if guard < 0.0:
         if watching and (floor < reach[0] or guard > reach[1]):
+            factors = bound_factors(eq, 0.0, phase_step)
+            free = FreeEnd(y_T, w_T, remainder_bound(factors, y + pt.clearance, w))
             end = y_T, w_T, phase_step
             reach = widen_by_flight(eq, flight, free, end_wave, end, phase_step, c, reach)
         return (y_T, w_T, False), 0, 0, reach
