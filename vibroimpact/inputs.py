@@ -163,8 +163,8 @@ TEXT = Allowed(lambda value: isinstance(value, str), "a text")
 PATH = Allowed(lambda value: isinstance(value, str | Path), "the path of a file")
 
 
-def input_text(value: object, most: int = 80) -> str:
-    """Return the repr of a value on one line of at most `most` characters: -1, not np.int64(-1)."""
+def input_text(value: object) -> str:
+    """Return the repr of a value on one line, shortened: -1, not np.int64(-1)."""
     try:
         text = _OF_NUMPY.sub(
             lambda found: found["value"] or found["truth"] or "", repr(of_python(value))
@@ -173,4 +173,4 @@ def input_text(value: object, most: int = 80) -> str:
         text = f"an integer of {value.bit_length():,} bits" if isinstance(value, int) else "a value"
     except RecursionError:
         text = f"a {type(value).__name__} of too many levels"
-    return shortened(text, most)
+    return shortened(text)

@@ -232,7 +232,7 @@ def plan_for_sweep(config: SweepConfig, plan: Plan) -> Plan:
 
 
 def measure_methods(
-    plan: Plan = FULL,
+    plan: Plan,
     threads: int | None = None,
     report: Callable[[float], object] = lambda share: None,
 ) -> pd.DataFrame:

@@ -80,7 +80,7 @@ def effort_of(
 
 
 def measure_speed(
-    count: int = 4096, periods: int = 300, report: Callable[[float], object] = lambda share: None
+    count: int, periods: int, report: Callable[[float], object] = lambda share: None
 ) -> dict[str, Any]:
     """Time every work on one thread and on all threads; return a `speed_record`."""
     threads = sorted({1, ALL_THREADS})

@@ -119,7 +119,7 @@ def branches_of(
     lines: Sequence[np.ndarray],
     axis: str,
     phase: float,
-    report: Callable[[float], object] = lambda share: None,
+    report: Callable[[float], object],
     *,
     classes: Collection[tuple[int, int]] = (),
     most: int = MOST_BRANCHES,

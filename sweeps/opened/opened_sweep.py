@@ -320,7 +320,7 @@ class OpenedSweep:
             raise Refused(f"{needed}, not {listed(requested)}")
         return chosen[:count]
 
-    def map_axes(self, axes: Sequence[str] = (), at: Selection | None = None) -> list[str]:
+    def map_axes(self, axes: Sequence[str], at: Selection | None) -> list[str]:
         """Return abscissa and ordinate, by default the longest axes; if equal, the later first."""
         chosen = self.chosen_axes(axes, at, 2, "map")
         if not axes and self.sizes[chosen[0]] == self.sizes[chosen[1]]:

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 
-def branch_table(branches: xr.Dataset, coordinate: str = "poincare_x") -> pd.DataFrame:
+def branch_table(branches: xr.Dataset, coordinate: str) -> pd.DataFrame:
     """Return a row for every section, or for every impact, of the orbits of `branches`.
 
     The `coordinate` decides between sections and impacts, which are numbered from 1. Each row has
@@ -97,7 +97,7 @@ def write_csv(path: Path, parts: Iterable[pd.DataFrame]) -> int:
     return written
 
 
-def write_rows(sweep: OpenedSweep, path: Path, rows: str = "points") -> int:
+def write_rows(sweep: OpenedSweep, path: Path, rows: str) -> int:
     """Write a row for every point, section or impact of a sweep, and return their number.
 
     The row of a point has its parameters and every result that is a single number: Lyapunov

@@ -158,9 +158,7 @@ def refuse_columns(names: Iterable[str]) -> None:
             raise StoreError(f"points: the column {name} {problem}")
 
 
-def write_schema(
-    file: h5py.File, schema: Schema, *, compressed: bool = False, with_blocks: bool = False
-) -> None:
+def write_schema(file: h5py.File, schema: Schema, *, compressed: bool, with_blocks: bool) -> None:
     """Write the attributes and coordinates of a schema, and create its variables without data."""
     file.attrs.update(schema.attributes)
     columns = str(schema.attributes.get(COLUMN_NAMES, "")).split()
