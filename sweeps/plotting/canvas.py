@@ -319,13 +319,17 @@ def _thin_ticks(axis: Axis) -> None:
 
 
 def _break_labels(figure: Figure) -> None:
-    """Break labels wider than their panels into lines where they collide with others."""
-    panels = [panel for panel in figure.axes if panel.get_xlabel()]
-    boxes = [panel.xaxis.label.get_window_extent() for panel in panels]
-    for panel, box in zip(panels, boxes, strict=True):
-        if box.width > panel.bbox.width and box.count_overlaps(boxes) > 1:  # with more than itself
-            panel.xaxis.label.set_text(in_two_lines(panel.get_xlabel()))
-            lay_out(panel)
+    """Break labels longer than their panels into lines where they collide with others."""
+    every = [axis for panel in figure.axes for axis in (panel.xaxis, panel.yaxis)]
+    axes = [axis for axis in every if axis.label.get_text()]
+    texts = [*(axis.label for axis in axes), *figure.texts]
+    boxes = [text.get_window_extent() for text in texts]
+    for axis, box in zip(axes, boxes, strict=False):
+        room = axis.axes.bbox
+        is_long = box.width > room.width or box.height > room.height
+        if is_long and box.count_overlaps(boxes) > 1:  # with more than itself
+            axis.label.set_text(in_two_lines(axis.label.get_text()))
+            lay_out(axis.axes)
 
 
 def _clear_offset(axis: Axis) -> None:

@@ -74,7 +74,7 @@ REST_COLOUR = VERMILION
 #: Colours of the marks in a diagram: motions whose kept impacts are less than a repetition, and
 #: motions that are not on their orbit yet; those in grey.
 PARTIAL, APPROACHING = "only part of a repetition", ON_ITS_WAY
-MARKS = {PARTIAL: (GREEN, "#8C8C8C"), APPROACHING: ("#8A2BE2", "#000000")}
+MARKS = {PARTIAL: (GREEN, "#8C8C8C"), APPROACHING: ("#4B0082", "#000000")}
 
 #: The hatch of motions with rest in maps says after how many periods they repeat, 0: not known.
 RESTS = {1: "", 2: "////", 3: "....", 4: "\\\\\\\\", 6: "xxxx", 0: "----"}

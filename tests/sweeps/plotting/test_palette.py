@@ -80,6 +80,9 @@ PICTURES = {
         name: style.DOT_COLOURS.get(of, of) for name, of in IN_A_MAP.items() if name[0] not in "PUN"
     },
     "directions": dict(enumerate((*WAYS, style.BOTH_COLOUR))),
+    "strip": {name: colour for name, (colour, _) in style.MARKS.items()}
+    | {outcome.name: style.DOT_COLOURS.get(of, of) for outcome, of in style.STATUS_COLOURS.items()}
+    | {"up": WAYS[0], "down": WAYS[1]},
 }
 
 

@@ -62,13 +62,17 @@ def test_the_panels_asked_for_are_drawn_into_panels_of_another_figure(dataset, n
 
 
 @pytest.mark.parametrize("size", [9.0, 14.0])
-def test_labels_of_panels_beside_each_other_do_not_collide(table, with_layout, size):
+def test_labels_of_panels_do_not_collide(table, dataset, with_layout, size):
     with mpl.rc_context({"font.size": size}):
         figure = table_panels(table)
         figure.draw_without_rendering()
+        diagram = plotting.bifurcation(dataset, page=Page(width=3.35))
+        diagram.draw_without_rendering()
     boxes = [panel.xaxis.label.get_window_extent() for panel in figure.axes]
     assert len(boxes) == 3
     assert not any(one.overlaps(other) for one, other in combinations(boxes, 2))
+    label, title = diagram.axes[0].yaxis.label, diagram._suptitle
+    assert not label.get_window_extent().overlaps(title.get_window_extent())
 
 
 @pytest.mark.parametrize("choice", ["panels", "axes"])
