@@ -148,8 +148,18 @@ def test_a_branch_without_an_end_is_lost():
     start = one_impact_orbit(Oscillator(h=0.0, R=1.0, omega=2.3, f=1.0, clearance=-0.4))
     found = branch(start, "omega", 1.5, 2.5)
     assert [point.kind for point in found.special] == ["lost", "edge"]
-    assert found.special[0].value == pytest.approx(2.0, abs=1e-3)
-    assert found.speeds[0] > 1000.0
+    assert found.special[0].value == pytest.approx(2.0, abs=1e-9)
+    assert found.speeds[0] > 500.0 and len(found.values) < 200
+
+
+def test_speeds_without_bound_are_no_folds():
+    """The orbits of 1/2 that begin at a graze end at omega = p, where both multipliers are 1."""
+    start = one_impact_orbit(Oscillator(h=0.0, R=1.0, omega=1.4142257405942802, f=1.0))
+    graze = branch(start, "omega", 0.5, 1.9).special[0]
+    found = grazing_branch(graze.orbit, "omega", 0.5, 1.9)
+    assert (found.m, found.q) == (1, 2)
+    (end,) = found.special
+    assert (end.kind, end.value) == ("lost", pytest.approx(1.0, abs=1e-9))
 
 
 def test_a_branch_that_closes_has_no_end():

@@ -29,6 +29,7 @@ from vibroimpact.orbits.orbit import (
     free_amplitude,
     free_orbit,
     orbit_of,
+    repeats_freely,
     taken_twice,
 )
 from vibroimpact.orbits.periodic import OrbitError, least, refuse_inadmissible, refuse_long
@@ -38,6 +39,8 @@ from vibroimpact.oscillator import PARAMETERS, Oscillator
 
 #: Number of values of the parameter at which the free oscillation is checked.
 _FREE_VALUES = 201
+#: If no impact is faster than this, in natural units, the orbit is the free oscillation.
+STILL = 1e-6
 #: Stands for the infinite amplitude at resonance without damping, in natural units.
 _INFINITE = 1e300
 
@@ -231,11 +234,12 @@ def doubled_branch(orbit: PeriodicOrbit, parameter: str, low: float, high: float
 def grazing_branch(orbit: PeriodicOrbit, parameter: str, low: float, high: float) -> Branch:
     """Follow the orbits that begin at a graze, with or without the impact of speed zero.
 
-    OrbitError if none begin there.
+    OrbitError if none begin there, or if natural vibrations of any phase graze.
     """
     axis = ContinuationParameter.of(orbit.oscillator, parameter, low, high)
     if orbit.q == 0:
         return _free_branch(orbit, axis)
+    refuse_natural(orbit)
     family = OrbitFamily(orbit, (axis,))
     tangent = family.tangent(family.start)
     for along in (tangent, -tangent):
@@ -243,6 +247,20 @@ def grazing_branch(orbit: PeriodicOrbit, parameter: str, low: float, high: float
         if X is not None and family.inadmissible(X)[0] is None:
             return as_branch(one_way(family, family.start, along))
     raise OrbitError(f"no orbits of {orbit.m}/{orbit.q} begin at the graze")
+
+
+def refuse_natural(graze: PeriodicOrbit) -> None:
+    """Raise an OrbitError at the graze of a natural vibration, of which there is one at any phase.
+
+    That is without damping, where m p is a multiple of omega. It is not the free oscillation.
+    """
+    osc = graze.oscillator
+    is_free = abs(osc.clearance - abs(free_amplitude(osc))) <= STILL * abs(osc.clearance)
+    if repeats_freely(osc, graze.m) and not (graze.speeds.any() or is_free):
+        raise OrbitError(
+            "the graze is not isolated: without damping, every natural vibration repeats after "
+            f"{shown_count(graze.m, 'forcing period')} at omega = {osc.omega:g}"
+        )
 
 
 def without_touch(orbit: PeriodicOrbit) -> PeriodicOrbit:

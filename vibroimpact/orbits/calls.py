@@ -139,17 +139,16 @@ def turning_point(system: System, X: np.ndarray, i: int, phase: float) -> tuple[
     return at, y
 
 
-def turning_points(system: System, X: np.ndarray, i: int, *near: float) -> np.ndarray:
+def turning_points(system: System, X: np.ndarray, i: int) -> np.ndarray:
     """Return the phase and x - clearance of each turning point within flight i, shape (n, 2).
 
-    Newton's method finds them from `near` phases, and from starts that divide the natural or the
-    forcing period.
+    Newton's method finds them from starts that divide the natural or the forcing period.
     """
     pt, phases = parameters(system, X), unknowns.phases(X, system.q)
     begin, end = np.append(phases, phases[0] + 2.0 * math.pi * system.m)[i : i + 2]
     spacing = 2.0 * math.pi / _STARTS / max(1.0, pt.p / pt.omega)
     count = _STARTS + math.ceil((end - begin) / spacing)
-    starts = *near, *np.linspace(begin, end, count, endpoint=False)[1:].tolist()
+    starts = np.linspace(begin, end, count, endpoint=False)[1:].tolist()
     turns = np.array([turning_point(system, X, i, start) for start in starts])
     return turns[(begin < turns[:, 0]) & (turns[:, 0] < end)]
 

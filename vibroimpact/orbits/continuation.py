@@ -319,7 +319,7 @@ def _without_force(family: OrbitFamily, X: np.ndarray) -> np.ndarray | None:
 def _at_edges(step: ArclengthStep, reason: Inadmissible) -> np.ndarray:
     """Return the end of a path at an edge, extrapolated along its last step to the edge itself.
 
-    The equations of folds may be singular there, as at R = 1 and f = 0, where two edges meet.
+    The equations of folds may be singular there, as just before a degenerate flip.
     """
     family, X, begin = step.family, step.end.X, step.begin.X
     value, before = (float(family.kept(Y)[reason.at]) for Y in (X, begin))
@@ -328,13 +328,13 @@ def _at_edges(step: ArclengthStep, reason: Inadmissible) -> np.ndarray:
     return onto_edges(family, X + (reason.where - value) / (value - before) * (X - begin))
 
 
-def onto_edges(family: OrbitFamily, X: np.ndarray) -> np.ndarray:
-    """Return a point whose free parameters are at edges if they are nearly there."""
+def onto_edges(family: OrbitFamily, X: np.ndarray, near: float = _SINGULAR) -> np.ndarray:
+    """Return a point whose free parameters are at edges if they are this near, in their spans."""
     X = X.copy()
     values = free(X, family.q)
     for j, axis in enumerate(family.parameters):
         for edge in (axis.low, axis.high):
-            if abs(values[j] - edge / axis.span) < _SINGULAR:
+            if abs(values[j] - edge / axis.span) < near:
                 values[j] = edge / axis.span
     return X
 
@@ -386,8 +386,8 @@ def _with_touch(
     This impact is at the highest point of the flight that crosses the stop.
     """
     at, z = reason.at, impact_rows(X, family.q)
-    turns = calls.turning_points(family.system, X, at, reason.where)
+    turns = calls.turning_points(family.system, X, at)
     least = turns[:, 1].max() - ROUNDING
-    phase = turns[np.argmax(turns[:, 1] > least), 0]  # the nearest, if it is as high
+    phase = turns[np.argmax(turns[:, 1] > least), 0]  # of those as high, the first
     z = np.insert(z, at + 1, (phase, 0.0), axis=0)
     return family.related(z, family.m), unknowns(z, free(X, family.q))

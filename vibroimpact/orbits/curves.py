@@ -11,11 +11,19 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from vibroimpact.inputs import input_text, one_of, refuse_other, shown_count
-from vibroimpact.orbits.branches import Branch, as_branch, branch, without_touch
+from vibroimpact.inputs import input_text, one_of, refuse_other
+from vibroimpact.orbits.branches import (
+    STILL,
+    Branch,
+    as_branch,
+    branch,
+    refuse_natural,
+    without_touch,
+)
+from vibroimpact.orbits.continuation import cannot_leave
 from vibroimpact.orbits.corrector import CONDITIONS
 from vibroimpact.orbits.family import ContinuationParameter, OrbitFamily
-from vibroimpact.orbits.orbit import PeriodicOrbit, free_amplitude, orbit_of, repeats_freely
+from vibroimpact.orbits.orbit import PeriodicOrbit, orbit_of
 from vibroimpact.orbits.periodic import OrbitError, refuse_long
 from vibroimpact.orbits.singular_ends import doubling, starts_degenerate
 from vibroimpact.orbits.special_points import both_ways
@@ -29,8 +37,8 @@ _NEAR_ORBIT = 0.2
 #: Sizes of the orbits of twice the period that are tried beside a degenerate flip, and the most
 #: iterations for each. Large ones may belong to another flip, the small ones may be rounding.
 _SIZES, _MOST_PER_SIZE = (0.02, 0.01, 0.005, 0.1, 0.05, 0.2), 30
-#: If no impact is faster than this, in natural units, the orbit is the free oscillation.
-_STILL = 1e-6
+#: A curve is begun this far beside a start where impacts meet, in scaled unknowns.
+_BESIDE = 5e-3
 
 
 def bifurcation_curve(
@@ -66,7 +74,8 @@ def bifurcation_curve(
     OrbitError
         If no such bifurcation is found near the orbit, or it is outside a range; if a flip is
         degenerate and no fold is found beside it; if a graze is one of any natural vibration,
-        without damping; or if a repetition of the orbit is too long to be solved for, as in
+        without damping; if impacts meet in the orbit, at the end of a curve, and no other is found
+        beside it; or if a repetition of the orbit is too long to be solved for, as in
         `periodic_orbit`.
     TypeError, ValueError
         If an argument is not valid.
@@ -98,34 +107,41 @@ def bifurcation_curve(
             start = _bifurcation(orbit, kind, axes)
         if kind == "graze":
             start = _least_graze(start, axes)
-            _refuse_natural(start)
+            refuse_natural(start)
     for axis in axes:
         value = getattr(start.oscillator, axis.name)
         if not axis.holds(value):
             raise OrbitError(
                 f"the {kind} is at {axis.name} = {value:g}, outside {axis.low:g} to {axis.high:g}"
             )
-    family = OrbitFamily(start, axes, kind, int(np.argmin(start.speeds)))
+    for graze in np.flatnonzero(start.speeds == start.speeds.min()).tolist():
+        curve = _follow(OrbitFamily(start, axes, kind, graze))
+        if len(curve.values) > 1:  # where two impacts graze, one of two curves may be in the ranges
+            break
+    return curve
+
+
+def _follow(family: OrbitFamily) -> Branch:
+    """Follow a curve from its start both ways."""
+    if cannot_leave(family, family.start):
+        family.start = _beside(family)
     tangent = family.tangent(family.start)
     if not np.isfinite(tangent).all():
-        raise OrbitError(f"the {kind} does not go on in {first[0]} and {second[0]}")
+        raise OrbitError(f"the {family.kind} does not go on in {' and '.join(family.names)}")
     first_along, second_along = tangent[-2:].tolist()
     way = first_along if abs(first_along) > ROUNDING else second_along
     return as_branch(both_ways(family, math.copysign(1.0, way) * tangent))
 
 
-def _refuse_natural(graze: PeriodicOrbit) -> None:
-    """Raise an OrbitError at the graze of a natural vibration, of which there is one at any phase.
-
-    That is without damping, where m p is a multiple of omega. It is not the free oscillation.
-    """
-    osc = graze.oscillator
-    is_free = abs(osc.clearance - abs(free_amplitude(osc))) <= _STILL * abs(osc.clearance)
-    if repeats_freely(osc, graze.m) and not (graze.speeds.any() or is_free):
-        raise OrbitError(
-            "the graze is not isolated: without damping, every natural vibration repeats after "
-            f"{shown_count(graze.m, 'forcing period')} at omega = {osc.omega:g}"
-        )
+def _beside(family: OrbitFamily) -> np.ndarray:
+    """Return a point of a curve beside its start, where impacts meet: it is singular there."""
+    tangent = family.tangent(family.start)
+    for length in (_BESIDE, -_BESIDE):
+        guess = family.start + length * tangent
+        X = family.corrected(guess, tangent[None, :], _MOST_PER_SIZE)
+        if X is not None and family.inadmissible(X)[0] is None:
+            return X
+    raise OrbitError(f"impacts meet at the {family.kind}, and no other is found beside it")
 
 
 def _fold_of_twice(orbit: PeriodicOrbit, axes: Sequence[ContinuationParameter]) -> PeriodicOrbit:
@@ -175,7 +191,7 @@ def _bifurcation(
 def _least_graze(orbit: PeriodicOrbit, axes: Sequence[ContinuationParameter]) -> PeriodicOrbit:
     """Return the same graze with the fewest impacts; with more its equations are singular."""
     osc = orbit.oscillator
-    if orbit.q > 1 and not speeds(orbit.equations[1], orbit.q).max() > _STILL:
+    if orbit.q > 1 and not speeds(orbit.equations[1], orbit.q).max() > STILL:
         touch = PeriodicOrbit(osc, orbit.m, orbit.phases[:1], np.zeros(1))
         return _bifurcation(touch, "graze", axes)
     shorter = without_touch(orbit)

@@ -1,4 +1,4 @@
-"""Extrapolates curves to singular ends: orbits of half the period, impacts without speed.
+"""Extrapolates paths to singular ends: orbits of half the period, impacts without speed.
 
 A branch of orbits of twice the period ends at a flip of the half, where its halves change places.
 A curve of folds of such orbits ends where this flip is degenerate (Kuznetsov, *Elements of Applied
@@ -6,8 +6,9 @@ Bifurcation Theory*, sec. 9.3): the orbits of twice the period then neither begi
 curve of flips nor on the other. The equations of the folds are singular there, and so are those of
 a curve on which all impacts lose their speed at once: it ends in an orbit that touches the stop
 without speed, as without damping where omega is a fraction of p. Impacts may also meet there in a
-rest, without speed and acceleration. Where no energy is lost, R = 1, the speeds of a curve may grow
-without bound. A curve of grazes ends where the other half grazes, too: without its touch the orbit
+rest, without speed and acceleration, or at R = 0. Where no energy is lost, h = 0 and R = 1, the
+speeds of a path may grow without bound, and curves may lead to a corner of their ranges: there the
+force vanishes. A curve of grazes ends where the other half grazes, too: without its touch the orbit
 is twice its half there, at a flip.
 """
 
@@ -36,6 +37,8 @@ from vibroimpact.orbits.unknowns import (
 #: A curve of folds ends where the mean square difference of its halves is below this, and a curve
 #: on which Newton's method fails where it is below the second, or all impacts are slower than that.
 _MEETS, _MAY_MEET = 4e-4, 0.1
+#: Impacts that meet at a rest are left this share of their last distance apart.
+_APART_BY = 1e-6
 #: A flight shorter than this may end a curve at a rest.
 _SHORT = 0.02
 #: Its end is where it leads from at most so many of its last points, at which this difference,
@@ -45,6 +48,8 @@ _SHORT = 0.02
 _POINTS, _APART, _PRECISE, _KNOWN = 5, 1.5, 1e-8, 1e-7
 #: The second place at which a touch is looked at, and the error of the root, in scaled unknowns.
 _NEAR = 1e-6, 1e-9
+#: A curve may end in a corner of its ranges if it is this near to one of its edges.
+_NEAR_EDGE = 1e-3
 #: A degenerate flip is nearer than this to where the curve of folds leads.
 _NEAR_LIMIT = 0.05
 #: Impacts of a curve that are so many times faster than the force and the clearance alone make them
@@ -55,13 +60,15 @@ _FASTEST = 1e3
 def singular_end(
     family: OrbitFamily, points: Sequence[np.ndarray], lost: bool | None = None
 ) -> End | None:
-    """Return how a curve ends beyond some points, where, and the orbit; None if it goes on.
+    """Return how a path ends beyond some points, where, and the orbit; None if it goes on.
 
-    `lost` says whether Newton's method fails there; None if the curve has not yet ended.
+    `lost` says whether Newton's method fails there; None if the path has not yet ended.
     """
-    end = _unbounded(family, points) if lost is None else _standstill(family, points, lost)
-    end = end or _degenerate_flip(family, points, bool(lost))
-    return end or _meeting_impacts(family, points)
+    end = _unbounded(family, points)
+    if end or not family.kind:
+        return end
+    end = _standstill(family, points, lost) or _degenerate_flip(family, points, bool(lost))
+    return end or _meeting_impacts(family, points) or _corner(family, points)
 
 
 def _degenerate_flip(family: OrbitFamily, points: Sequence[np.ndarray], lost: bool) -> End | None:
@@ -137,33 +144,52 @@ def _root_along(
     return float(root)
 
 
-def _standstill(family: OrbitFamily, points: Sequence[np.ndarray], lost: bool) -> End | None:
-    """Return the ``graze`` in which all impacts of a curve lose their speed, as above."""
+def _standstill(family: OrbitFamily, points: Sequence[np.ndarray], lost: bool | None) -> End | None:
+    """Return the ``graze``, or ``edge``, in which all impacts lose their speed, as above."""
     if family.kind not in ("flip", "fold") or family.q == 1:
         return None
     X, error = _limit(points, family.fastest, _MAY_MEET if lost else NEARBY_DISTANCE)
-    if not error < NEARBY_DISTANCE:
+    if not error < (_KNOWN if lost is None else NEARBY_DISTANCE):
         return None
+    X = onto_edges(family, X, _KNOWN)
     speeds(X, family.q)[:] = 0.0
     missed = float(np.abs(calls.linearised(family.system, X)[0]).max())
     if not missed < NEARBY_DISTANCE or family.inadmissible(X)[0] is not None:
         return None
-    return "graze", X, family.orbit(X)
+    return "edge" if _place_in_ranges(family, X) == "edge" else "graze", X, family.orbit(X)
 
 
 def _meeting_impacts(family: OrbitFamily, points: Sequence[np.ndarray]) -> End | None:
-    """Return the ``rest`` in which impacts of a curve meet without speed, as above."""
-    flight = int(family.flights(points[-1]).argmin())
-    X, error = _limit(points, lambda X: family.flights(X)[flight], _SHORT)
-    if not error < _KNOWN:
+    """Return the ``rest``, or ``edge``, in which impacts meet without speed, as above."""
+    short = family.flights(points[-1]) < _SHORT
+    X, error = _limit(points, lambda X: family.flights(X).max(initial=0.0, where=short), _SHORT)
+    if not (short.any() and error < _KNOWN):
         return None
-    inside = _place_in_ranges(family, onto_edges(family, X)) == "inside"  # at R = 0 it is an edge
-    if not (inside and cannot_leave(family, X)):
+    X = onto_edges(family, X, _KNOWN)
+    place = _place_in_ranges(family, X)
+    if place == "outside" or not cannot_leave(family, X):
         return None
-    phases(X, family.q)[:] = np.maximum.accumulate(phases(X, family.q))
+    theta = np.maximum.accumulate(phases(X, family.q))  # apart, as equations where impacts meet
+    phases(X, family.q)[:] = theta + _APART_BY * (phases(points[-1], family.q) - theta)
     v = speeds(X, family.q)
     v[v < GRAZES] = 0.0
-    return "rest", X, family.orbit(X)
+    return "edge" if place == "edge" else "rest", X, family.orbit(X)
+
+
+def _corner(family: OrbitFamily, points: Sequence[np.ndarray]) -> End | None:
+    """Return the ``edge`` in which a curve leads to a corner of its ranges, as above."""
+    ends = np.reshape([(axis.low, axis.high) for axis in family.parameters], (-1, 2))
+    for j, edge in np.ndindex(ends.shape):
+        place = partial(_distance_to_edge, family, j, ends[j, edge] / family.spans[j])
+        X, error = _limit(points, place, _NEAR_EDGE)
+        X = onto_edges(family, X, _KNOWN)
+        if error < _KNOWN and (family.kept(X)[:, None] == ends).any(axis=1).all():
+            return "edge", X, family.orbit(X)
+    return None
+
+
+def _distance_to_edge(family: OrbitFamily, j: int, edge: float, X: np.ndarray) -> float:
+    return abs(float(free(X, family.q)[j]) - edge)
 
 
 def flip_that_touches(family: OrbitFamily, X: np.ndarray) -> End | None:
@@ -191,14 +217,12 @@ def flip_that_touches(family: OrbitFamily, X: np.ndarray) -> End | None:
 
 
 def _unbounded(family: OrbitFamily, points: Sequence[np.ndarray]) -> End | None:
-    """Return the ``edge`` at which the speeds of a curve become infinite, as above.
+    """Return where the speeds of a path become infinite, as above: at an ``edge``, or ``lost``.
 
     The parameters are smooth functions of the inverse speed.
     """
     pt = calls.parameters(family.system, points[-1])
     usual = pt.f / (pt.omega + pt.p) + pt.p * abs(pt.clearance)
-    if not usual > 0.0:
-        return None
 
     def inverse(X: np.ndarray) -> float:
         return usual / max(family.fastest(X), 1e-300)
@@ -209,7 +233,10 @@ def _unbounded(family: OrbitFamily, points: Sequence[np.ndarray]) -> End | None:
     X = points[-1].copy()
     free(X, family.q)[:] = limit
     X = onto_edges(family, X)
-    return ("edge", X, family.orbit(X)) if _place_in_ranges(family, X) == "edge" else None
+    osc, place = family.oscillator(X), _place_in_ranges(family, X)
+    if place == "outside" or osc.h > 0.0 or osc.R < 1.0:  # beyond it, damping or a loss bounds them
+        return None
+    return "edge" if place == "edge" else "lost", X, family.orbit(X)
 
 
 def _place_in_ranges(family: OrbitFamily, X: np.ndarray) -> str:
@@ -234,7 +261,7 @@ def _limit(
     """
     last, kept = value(points[-1]), [len(points) - 1]
     best, least = last, math.inf
-    if not place(points[-1]) < below:
+    if not 0.0 < place(points[-1]) < below:
         return best, least
     places = np.array([place(X) for X in points])
     for i in range(len(places) - 2, -1, -1):

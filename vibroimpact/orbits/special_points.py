@@ -56,9 +56,10 @@ class SpecialPoint(NamedTuple):
         ``graze``: an impact has speed zero (on a curve another impact, to 1e-5 of the natural
         unit), or a flight touches the stop; ``penetration``: a flight crosses the stop, and no
         touch is found; ``rest``: the mass cannot leave the stop; ``edge`` of a range, also where
-        the speeds of a curve become infinite there; and ``lost``: Newton's method fails or the path
-        is too long. Where the equations of a curve are singular, at a degenerate flip, where
-        several impacts graze together, and at a rest, its end is right to 1e-6 of the ranges.
+        the speeds of a curve become infinite there; and ``lost``: Newton's method fails, the path
+        is too long, or, without damping and loss, its speeds become infinite. Where the equations
+        of a curve are singular, at a degenerate flip, where several impacts graze together or meet,
+        and where the force vanishes, its end is right to 1e-6 of the ranges.
     value : float, or ndarray of shape (2,)
         Value of the parameter, or of the two parameters of a curve.
     orbit : PeriodicOrbit
@@ -276,12 +277,11 @@ def one_way(family: OrbitFamily, X: np.ndarray, tangent: np.ndarray) -> Path:
             path.closed = True
         elif step.last:
             end = ending(step)
-            lost, points = end[0] == "lost", [X for X, _ in path.points]
-            if lost or (family.kind and step.inadmissible is None):
-                if end[0] != "edge":
-                    end = singular_end(family, points, lost) or end
-            else:
+            lost, at_edge = end[0] == "lost", end[0] == "edge" and end[1] is step.end.X
+            beyond = None if at_edge else singular_end(family, [X for X, _ in path.points], lost)
+            if beyond is None and not lost and step.inadmissible is not None:
                 path.points.pop()
+            end = beyond or end
             if end[0] == "graze":
                 end = flip_that_touches(family, end[1]) or end
             kind, X, orbit = end
@@ -296,9 +296,8 @@ def _pass(path: Path, step: ArclengthStep) -> bool:
     """Add a step to a path, with what is special in it; return whether the path ends in it."""
     family, flip = path.family, parents_flip(step)
     end = None if flip is None else ("flip", *flip)
-    if end is None and family.kind:
-        points = [*(X for X, _ in path.points), step.end.X]
-        end = singular_end(family, points)
+    if end is None:
+        end = singular_end(family, [*(X for X, _ in path.points), step.end.X])
     roots = list(special_points(step, None if end is None else end[1]))
     for kind, X in roots:
         if not family.kind:  # the branch may change its stability there
