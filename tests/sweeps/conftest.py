@@ -18,6 +18,7 @@ from matplotlib.text import Text
 
 from sweeps import open_sweep
 from sweeps.attractor.knocks import Knock
+from sweeps.plotting import canvas
 from sweeps.store.writer import SweepWriter
 from tests.helpers.clusters import WORKERS
 from tests.helpers.commands import SMALL
@@ -182,8 +183,10 @@ def with_layout(cheap_pictures, monkeypatch):
 
 @pytest.fixture
 def unpainted(monkeypatch):
-    """Save figures without painting them, where only names and messages matter."""
+    """Save figures unpainted, their title and ticks unmeasured, where only texts matter."""
     monkeypatch.setattr(Figure, "savefig", lambda self, file, **_: file.write(b"painted"))
+    monkeypatch.setattr(canvas.Picture, "add_title", Figure.suptitle)
+    monkeypatch.setattr(canvas, "_thin_ticks", lambda axis: None)
 
 
 @pytest.fixture

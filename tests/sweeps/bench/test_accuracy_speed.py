@@ -230,7 +230,9 @@ def test_a_peer_that_is_not_installed_is_left_out(monkeypatch):
 def test_the_command(monkeypatch, unpainted):
     """All methods and scenes on a short ladder, each run once: picture, rows and tables."""
     monkeypatch.setattr(accuracy, "_LEAST_WORK", 1)
-    plan = Plan(ladder=(50, 100, 200), rounds=1, tolerances=(1e-9,), peers=("SciPy DOP853",))
+    monkeypatch.setattr("sweeps.bench.peers._LEAST_SECONDS", 1e-9)
+    peer = {"tolerances": (1e-9,), "thinning": 64, "peers": ("SciPy DOP853",)}
+    plan = Plan(ladder=(50, 100, 200), rounds=1, **peer)
     monkeypatch.setattr(accuracy, "QUICK", plan)
     options = ("--quick", "-o", "chart.png", "--csv", "all.csv", "--threads", 1)
     result = call("bench", "accuracy-speed", *options)

@@ -88,7 +88,7 @@ def test_branches_and_curves_are_the_same_in_all_units(tmp_path, over):
     """With all that is drawn of them, bit for bit."""
     rate, length = 2.0**-9, 2.0**-21
     given = {"h": 0.03, "R": 0.7, "omega": 2.6, "f": 1.0, "p": 1.0}
-    given |= {name: np.linspace(*RANGES[name], 16 // len(over)).tolist() for name in over}
+    given |= {name: np.linspace(*RANGES[name], 12 // len(over)).tolist() for name in over}
 
     def found(*scales):
         path = run(tmp_path, given, *scales)
@@ -104,7 +104,7 @@ def test_branches_and_curves_are_the_same_in_all_units(tmp_path, over):
     xr.testing.assert_equal(ours, scaled.assign_coords(axes).assign(back))
 
 
-@pytest.mark.parametrize(("axis", "seed"), [("h", 5), ("f", 2), ("p", 5)])
+@pytest.mark.parametrize(("axis", "seed"), [("h", 5), ("p", 5)])
 def test_a_rig_has_the_bifurcations_of_its_model(axis, seed):
     """A row of the rig is that of the model with its three places converted."""
     random, given = np.random.default_rng(seed), one_axis(axis, seed)

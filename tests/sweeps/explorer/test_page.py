@@ -346,7 +346,7 @@ def test_a_logarithmic_axis_is_drawn_as_one_and_the_end_is_said(browser, tmp_pat
 
 def test_lengths_of_a_rig_have_the_prefix_of_the_pictures_in_the_browser(browser, tmp_path):
     """At the sections, the mass of this rig is at most 0.2 mm away."""
-    config = load_config(CONFIGS / "shaker.yaml")
+    config = load_config(CONFIGS / "shaker.yaml", ["record={transient: 60, periods: 4}"])
     with closing(sweeps.explore(config, folder=tmp_path)) as explorer:
         window = Window(browser, explorer)
         page, y = window.page, "m.left[0]"

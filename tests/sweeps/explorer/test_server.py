@@ -27,15 +27,15 @@ from tornado.ioloop import IOLoop
 from tornado.websocket import websocket_connect
 
 import sweeps
-from sweeps import Refused, load_config
+from sweeps import Refused
 from sweeps.explorer import server
+from tests.helpers.browser import SCENE
 from tests.helpers.interruptions import wait_until
-from tests.helpers.places import CONFIGS
 
 
 @pytest.fixture(scope="module")
 def explorer():
-    explorer = sweeps.explore(load_config(CONFIGS / "quickstart.yaml"))
+    explorer = sweeps.explore(SCENE)
     yield explorer
     explorer.close()
 
@@ -97,7 +97,7 @@ def test_too_many_pages_at_once_are_refused_until_others_are_closed(monkeypatch)
     monkeypatch.setattr(server, "_SEARCH", server._SEARCH // 20)
     now = [0.0]  # [ms]; it stands still, however long the eight take
     monkeypatch.setattr(session, "current_time", lambda: now[0])
-    explorer = sweeps.explore(load_config(CONFIGS / "quickstart.yaml"))
+    explorer = sweeps.explore(SCENE)
     path = f"/?{urlsplit(explorer.address).query}"
     try:
         with ThreadPoolExecutor(8) as clients:
@@ -120,7 +120,7 @@ def test_only_the_server_itself_logs_no_requests(caplog, monkeypatch):
     monkeypatch.setattr(logging.getLogger("tornado"), "propagate", True)
     loggers = [logging.getLogger(f"tornado.{name}") for name in ("access", "general")]
     before = [(logger.level, list(logger.filters)) for logger in loggers]
-    explorer = sweeps.explore(load_config(CONFIGS / "quickstart.yaml"))
+    explorer = sweeps.explore(SCENE)
     assert answer(explorer.address, "/no-such-page")[0] == 403
     for logger in loggers:
         logger.warning("of another server")
@@ -196,7 +196,7 @@ def test_who_does_not_know_the_secret_can_take_neither_memory_nor_all_connection
     """Bodies are refused before they are read, and connections without a request are closed."""
     monkeypatch.setattr(server, "_MOST_CONNECTIONS", 5)
     monkeypatch.setattr(server, "_PATIENCE", 1.0)
-    explorer = sweeps.explore(load_config(CONFIGS / "quickstart.yaml"))
+    explorer = sweeps.explore(SCENE)
     place = "127.0.0.1", urlsplit(explorer.address).port
     heads = [b"Content-Length: 100000000\r\n\r\n", b"Transfer-Encoding: chunked\r\n\r\n5F5E100\r\n"]
     heads += [b"Content-Length: 1000\r\n\r\n", b"Cookie: a"]  # which never end
@@ -266,4 +266,4 @@ def test_a_notebook_shows_the_page_itself(explorer):
 def test_a_port_in_use_is_refused(explorer):
     port = urlsplit(explorer.address).port
     with pytest.raises(Refused, match=f"the port {port} cannot be used .*in use"):
-        sweeps.explore(load_config(CONFIGS / "quickstart.yaml"), port)
+        sweeps.explore(SCENE, port)

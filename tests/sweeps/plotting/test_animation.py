@@ -193,9 +193,9 @@ def test_a_command_writes_the_motion_and_says_which(path, folder):
 
 
 def test_a_notebook_gets_all_frames_whatever_the_limit_of_matplotlib(dataset):
-    with animation.mpl.rc_context({"animation.embed_limit": 0.1}):
-        player = animate(dataset, at={"omega": PERIODIC}, periods=1, fps=5, page=Page(dpi=60))
-        assert player.to_jshtml().count("data:image/png") == 11
+    with animation.mpl.rc_context({"animation.embed_limit": 0.01}):
+        player = animate(dataset, at={"omega": PERIODIC}, periods=1, fps=2, page=Page(dpi=60))
+        assert player.to_jshtml().count("data:image/png") == 5
 
 
 @pytest.mark.slow

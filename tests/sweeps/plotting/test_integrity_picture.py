@@ -126,7 +126,7 @@ def test_in_grey_the_number_of_a_knock_covers_neither_a_mark_nor_a_name(dataset,
 
 
 def test_names_of_basins_stay_clear_of_discs_and_knocks(dataset, with_layout):
-    for height in (2.6, 3.0, 4.0):
+    for height in (2.6, 4.0):
         page = Page(width=3.4, height=height)
         figure = draw_integrity(dataset, at={"clearance": 0.6}, panels=["basins"], page=page)
         figure.draw_without_rendering()

@@ -207,7 +207,7 @@ def test_a_word_that_is_too_long_for_a_picture_is_small(random_sweep, with_layou
     assert figure.get_suptitle().startswith("x" * 200)
 
 
-def test_a_title_that_cannot_be_drawn_is_refused(random_sweep, unpainted):
+def test_a_title_that_cannot_be_drawn_is_refused(random_sweep):
     file = random_sweep({"omega": OMEGA}).encoding["source"]
     assert call("plot", file, "--title", "costs 5$").exit_code == 0
     for title in ("a $x_$ b", "a\udcffb"):

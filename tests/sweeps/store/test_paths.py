@@ -359,7 +359,7 @@ def test_a_complete_file_is_read_where_no_file_can_be_locked():
         "open_sweep('out.h5').load(); per_point(Path('out.h5'), ['status'])\n"
         "schema_of(Path('out.h5'))"
     )
-    without = ["-f", "-qq", "-e", "trace=flock,fcntl", "-e", "inject=flock:error=ENOLCK"]
+    without = "-fqq --seccomp-bpf -e trace=flock,fcntl -e inject=flock:error=ENOLCK".split()
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
     reading = [shutil.which("strace"), *without, "-o", "/dev/null", sys.executable, "-c", code]
     done = subprocess.run(reading, env=environment, capture_output=True, text=True)

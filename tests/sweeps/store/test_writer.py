@@ -129,7 +129,7 @@ def test_an_error_of_truncate_is_one_failure(whole):
         "    try: fill_blocks(name, resume=True)\n"
         "    except Exception as error: print(error)\n"
     )
-    inject = ["-f", "-qq", "-e", "trace=ftruncate", "-e", "inject=ftruncate:error=ENOSPC"]
+    inject = "-fqq --seccomp-bpf -e trace=ftruncate -e inject=ftruncate:error=ENOSPC".split()
     command = [shutil.which("strace"), *inject, "-o", "/dev/null", sys.executable, "-c", code]
     env = {**os.environ, "PYTHONPATH": str(ROOT)}
     done = subprocess.run(command, env=env, capture_output=True, text=True)
