@@ -26,7 +26,13 @@ from tests.helpers.configurations import OVER_STARTS
 from tests.helpers.sweep_files import run_in
 from tests.helpers.written_files import random_sweeps
 
-LAY_OUT = ConstrainedLayoutEngine.execute
+#: What `cheap_pictures` does in place of the layout, and what `with_layout` does again.
+NO_LAYOUT = {
+    (ConstrainedLayoutEngine, "execute"): lambda self, figure: None,
+    (canvas, "_thin_ticks"): lambda axis: None,
+    (canvas.Picture, "add_title"): Figure.suptitle,
+}
+LAYOUT = {part: getattr(*part) for part in NO_LAYOUT}
 
 
 @pytest.fixture(autouse=True)
@@ -55,7 +61,7 @@ def undisturbed(tmp_path_factory):
 
 @pytest.fixture(autouse=True, scope="session")
 def cheap_pictures():
-    """Paint a quarter of the usual pixels, and leave out the layout, a third of the time.
+    """Paint a quarter of the usual pixels, and lay nothing out, no title or ticks either.
 
     All pictures have one parser of formulas, which keeps all that it has read, not 50, and measure
     a text once, not once for each picture. Of the beginnings of a title, which all have formulas,
@@ -86,7 +92,8 @@ def cheap_pictures():
         parse = MathTextParser._parse_cached.__wrapped__
         patch.setattr(MathTextParser, "_parse_cached", cache(parse))
         patch.setattr(backend_agg, "MathTextParser", cache(MathTextParser))
-        patch.setattr(ConstrainedLayoutEngine, "execute", lambda self, figure: None)
+        for part, without in NO_LAYOUT.items():
+            patch.setattr(*part, without)
         yield
 
 
@@ -178,15 +185,14 @@ def small_file(folder, small_run):
 @pytest.fixture
 def with_layout(cheap_pictures, monkeypatch):
     """Lay figures out, in a test of the places and sizes of their parts."""
-    monkeypatch.setattr(ConstrainedLayoutEngine, "execute", LAY_OUT)
+    for part, whole in LAYOUT.items():
+        monkeypatch.setattr(*part, whole)
 
 
 @pytest.fixture
 def unpainted(monkeypatch):
-    """Save figures unpainted, their title and ticks unmeasured, where only texts matter."""
+    """Save figures without painting them, where only names and messages matter."""
     monkeypatch.setattr(Figure, "savefig", lambda self, file, **_: file.write(b"painted"))
-    monkeypatch.setattr(canvas.Picture, "add_title", Figure.suptitle)
-    monkeypatch.setattr(canvas, "_thin_ticks", lambda axis: None)
 
 
 @pytest.fixture

@@ -77,7 +77,7 @@ def test_zoom_takes_the_coordinate_and_the_width_of_the_picture_and_can_be_plann
         (["omega=2:3", "--set", "record.impacts=0", "--coordinate", "impact_v"], "impacts is 0"),
     ],
 )
-def test_a_zoom_that_cannot_be(small_file, pieces, reason):
+def test_a_zoom_that_cannot_be(small_file, with_layout, pieces, reason):
     assert reason in refused("zoom", "small.h5", *pieces)
 
 

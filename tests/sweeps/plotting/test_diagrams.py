@@ -86,7 +86,7 @@ def test_the_title_names_what_is_fixed_and_how_it_was_computed(random_sweep):
 
 
 @pytest.mark.slow
-def test_a_title_leaves_out_defaults_and_breaks_between_words(random_sweep):
+def test_a_title_leaves_out_defaults_and_breaks_between_words(random_sweep, with_layout):
     fixed = {"h": 0.05, "R": 0.8, "f": 1.0, "p": 1.0, "clearance": 0.0, "x0": 0.0, "v0": 0.0}
     dataset = random_sweep({"omega": OMEGA}, fixed=fixed)
     figure = bifurcation(dataset, page=Page(width=3.4))

@@ -427,7 +427,7 @@ def test_a_panel_that_shows_nothing_is_refused(dataset):
     plotting.bifurcation(dataset, ax=elsewhere)
 
 
-def test_a_height_that_leaves_nothing_of_the_panels_is_refused(dataset):
+def test_a_height_that_leaves_nothing_of_the_panels_is_refused(dataset, with_layout):
     with pytest.raises(Refused, match=r"height = 1\.2 in .*; expected: at least 2 in, of which"):
         plotting.bifurcation(dataset, page=Page(width=3.4, height=1.2))
     assert plotting.bifurcation(dataset, page=Page(height=2.5, title="")).get_figheight() == 2.5
