@@ -205,9 +205,9 @@ def _columns(
 
 
 def _array(column: Any) -> np.ndarray:
-    """Convert a column to an array; an array of texts would drop a NUL at their ends."""
+    """Convert a column to an array: of texts, which keep a NUL at their ends, or of float64."""
     values = np.asarray(column)
-    return np.asarray(column, object) if values.dtype.kind == "U" else values
+    return np.asarray(column, {"U": object, "f": float}.get(values.dtype.kind))
 
 
 def _check_names(names: list[str], known: Mapping[str, Parameter]) -> Mapping[str, Parameter]:

@@ -102,13 +102,15 @@ def test_a_table_goes_on_where_it_was_stopped(stop_after):
 def test_every_form_of_a_table_is_the_same_sweep():
     """A file, columns of YAML, arrays, a DataFrame, a structured array; and the file of a sweep."""
     columns = {"omega": [2.5, 0.1 + 0.2, 3.0], "R": [0.5, 1.0, 0.0], "label": ["a", "", "007"]}
+    columns["mm"] = [0.5, 2.0, -1.5]
     write_csv(columns)
     frame = pd.DataFrame(columns)
     table = load_config("sweep.yaml").points
     forms = [columns, frame, table, {name: np.array(values) for name, values in columns.items()}]
+    forms += [{**columns, "mm": np.array(columns["mm"], kind)} for kind in ("f2", "g", ">f8")]
     for form in forms:
-        given = load_config({"points": form, **yaml.safe_load(f"{FIXED}\n{RECORD}")})
-        assert_array_equal(given.points, table)
+        given = load_config({"points": form, **yaml.safe_load(f"{FIXED}\n{RECORD}")}).points
+        assert given.dtype == table.dtype and (given == table).all()
     accepted("run", "sweep.yaml", "-o", "out.h5", "--quiet")
     Path("again.yaml").write_text(accepted("info", "out.h5", "--config"))
     Path("table.csv").unlink()  # the sweep file includes the table
