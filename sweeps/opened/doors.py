@@ -142,6 +142,8 @@ def _opened(dataset: object) -> OpenedSweep:
         raise Refused(f"the Dataset has no status; expected: {_EXPECTED}")
     for problem in chain(_axis_problems(dataset), _result_problems(dataset)):
         raise Refused(f"the Dataset {problem}; expected: {_EXPECTED}")
+    floats = (each for each in dataset.variables.items() if each[1].dtype.kind == "f")
+    dataset = dataset.assign({name: v.astype(float) for name, v in floats if v.dtype != float})
     whole = {name: each.astype(VARIABLES[name].dtype) for name, each in _integers(dataset)}
     ordered = dataset.assign(whole).transpose(*dataset["status"].dims, ...)
     for called, variable in ordered.variables.items():  # pandas keeps no attributes

@@ -296,13 +296,15 @@ SAME = {
     "attributes lost": lambda ds: ds.drop_attrs().assign_attrs(ds.attrs),
     "other types": lambda ds: ds.assign({n: v.astype("u8") for n, v in ds.items() if n != "status"
                                          and v.dtype.kind == "i" and (v >= 0).all()}),
+    "other floats": lambda ds: ds.assign_coords(omega=ds["omega"].astype("g")).assign(
+                                    {n: v.astype("g") for n, v in ds.items() if v.dtype == "f8"}),
     "an axis anew": lambda ds: ds.assign_coords(omega=ds["omega"].values),
     "something empty": lambda ds: ds.assign(own=("trial", [])),
 }  # fmt: skip
 
 
 @pytest.mark.parametrize("change", SAME)
-def test_attributes_and_types_of_integers_are_those_of_a_file(loaded, change):
+def test_attributes_and_types_are_those_of_a_file(loaded, change):
     ds = loaded["map"]
     other = SAME[change](ds)
     before = other.copy()
@@ -311,6 +313,8 @@ def test_attributes_and_types_of_integers_are_those_of_a_file(loaded, change):
         assert [(ax.get_xlabel(), ax.get_ylabel()) for ax in same.axes] == [
             (ax.get_xlabel(), ax.get_ylabel()) for ax in figure.axes
         ]
+    held = takes_sweep({})(lambda sweep: sweep.data)(other)
+    assert all(held[name].dtype == values.dtype for name, values in ds.variables.items())
     assert other.identical(before)
     own = other.assign_coords(omega=other["omega"].assign_attrs(long_name="speed"))
     assert plotting.parameter_map(own).axes[0].get_xlabel().startswith("speed ")
