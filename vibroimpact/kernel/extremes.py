@@ -152,10 +152,10 @@ def widen_by_lane(workspace, i, grid, n):
     factors = lanes[f], lanes[f + 1], lanes[BOUND_BY_X + i]
     bound = remainder_bound(factors, y + lanes[CLEARANCE + i], w)
     reach = lanes[LEAST + i], lanes[MOST + i]
-    if not may_widen(reach, bounds(y, w, y_T, w_T, grid.phase_step, bound)):
-        return
     if goes_one_way(y, w, y_T, w_T, grid.phase_step, bound):
         lanes[LEAST + i], lanes[MOST + i] = reach_with(reach, y_T, y_T)
+        return
+    if not may_widen(reach, bounds(y, w, y_T, w_T, grid.phase_step, bound)):
         return
     j = turning[COLUMNS] & (COLUMNS - 1)
     turning[j], turning[COLUMNS] = i, j + 1
