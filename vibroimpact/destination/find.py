@@ -74,7 +74,8 @@ DESTINATION = np.dtype(
         ("q", np.int64),  # -1: not counted yet, of other rules than exact
         ("x", float),  # state of the orbit at the last section of the record
         ("v", float),
-        ("multiplier", float),  # greatest |multiplier|, NaN where it is not known
+        # Greatest |multiplier|, at the last section if a record repeats; NaN where it is not known.
+        ("multiplier", float),
         ("distance", float),  # from the orbit at the last section, in units of the record's size
         ("evidence", np.int64),
     ]

@@ -71,8 +71,6 @@ def continue_branch(family: OrbitFamily, start: Point) -> Iterator[ArclengthStep
     here, length, way = start, _FIRST, 0.0  # the start may be where paths cross
     for number in range(MOST_POINTS):
         step, way = _step(family, here, length, way)
-        if family.kind and number == 0 and step.length == 0.0:
-            step, way = _step(family, _redirected(family, start), length, way)
         if number > 3 and not step.last and _returns(step, start):
             step = replace(step, end=start, last=True, closed=True)
         yield step
@@ -82,15 +80,6 @@ def continue_branch(family: OrbitFamily, start: Point) -> Iterator[ArclengthStep
         fastest = max(1.0, float(np.abs(speeds(here.X, family.q)).max()))
         length = min(1.5 * step.length, _LONGEST * fastest)
     yield ArclengthStep(family, here, here, 0.0, last=True)
-
-
-def _redirected(family: OrbitFamily, start: Point) -> Point:
-    """Return the start with the direction beside it: its own is rounding where it is singular."""
-    X, along = start.X, start.tangent
-    Y = family.corrected(X + _FIRST * along, along[None, :])
-    if Y is None or not calls.parameters(family.system, X).f > 0.0:  # then any phase will do
-        return start
-    return family.point(X, family.tangent(Y, along))
 
 
 def _step(
