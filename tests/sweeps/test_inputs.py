@@ -162,6 +162,9 @@ def test_a_branch_is_shown_on_one_line():
         f"<Branch 1/1: {len(found.values)} points, omega 2.2 to 3.2, edge at 2.2, flip at "
         f"{round(flip, 6)}, edge at 3.2>"
     )
+    osc = Oscillator(h=0.02, R=0.6, omega=1.23, f=1.0)  # folds beyond both ends
+    both = branch(periodic_orbit(osc, -0.7, -0.05, m=2), "omega", 1.0, 2.0)
+    assert "omega 1.05877 to 1.26803, graze at 1.063299, fold" in repr(both)
 
 
 SCENE = {"oscillator": {"h": 0.1, "R": 0.8, "omega": [2.5, 2.6], "f": 1.0}}

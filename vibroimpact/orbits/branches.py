@@ -89,10 +89,10 @@ class Branch:
     oscillator: Oscillator
 
     def __repr__(self) -> str:
-        ends = self.values[[0, -1]].reshape(2, -1).T
+        values = self.values.reshape(len(self.values), -1).T
         along = [
-            f"{name} {first:.6g} to {last:.6g}"
-            for name, (first, last) in zip(self.parameters, ends.tolist(), strict=True)
+            f"{name} {low:.6g} to {high:.6g}"
+            for name, low, high in zip(self.parameters, values.min(1), values.max(1), strict=True)
         ]
         what = f"{self.kind} of {self.m}/{self.q}" if self.kind else f"{self.m}/{self.q}"
         special = [f"{one.kind} at {np.round(one.value, 6).tolist()}" for one in self.special[:6]]
