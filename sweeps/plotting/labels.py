@@ -34,7 +34,7 @@ CLASSES_TITLE = "m/q: q impacts in m forcing periods"
 #: Units that take a prefix in pictures, and for each prefix the least size of what it is put to,
 #: a thousandth of the greatest, and its factor.
 _PREFIXED = ("m", "m/s")
-_MICRO = "\N{MICRO SIGN}"
+_MICRO, _MU = "\N{MICRO SIGN}", "\N{GREEK SMALL LETTER MU}"
 _PREFIXES = ((1e-4, "m", 1e-3), (1e-7, _MICRO, 1e-6), (1e-10, "n", 1e-9))
 #: A space at which a title is not broken into lines.
 _JOINT = "\N{NO-BREAK SPACE}"
@@ -83,7 +83,9 @@ def prefix_of(variable: xr.DataArray, size: float, written: str | None = None) -
     """
     own = variable.attrs.get("units")
     if own in _PREFIXED:
-        for unit in re.findall(r"[\[(]\s*([^\s\])]+)\s*[\])]", written or ""):
+        for unit in re.findall(
+            r"[\[(]\s*([^\s\])]+)\s*[\])]", (written or "").replace(_MU, _MICRO)
+        ):
             if unit in units_of(variable):
                 return unit.removesuffix(own), units_of(variable)[unit]
         for least, prefix, factor in _PREFIXES:
@@ -180,7 +182,7 @@ def log_spaced(values: np.ndarray) -> bool:
 
 
 class _Prefixed(ticker.Formatter):
-    """Writes the ticks of a length or a speed with a prefix, which it puts into the label.
+    """Writes ticks that have a unit; a length or a speed has a prefix, also in the label.
 
     The prefix follows the limits of the axis; `written` writes the numbers in front of it.
     """
@@ -227,14 +229,21 @@ def in_own_unit(
     axis: Axis, name: str, limits: tuple[float, float], unit: str, written: str | None
 ) -> tuple[float, float]:
     """Return limits in the unit of the variable; given in a unit, by default that of the ticks."""
+    if unit:
+        check_units(axis, f"{name} = {limits[0]:g}:{limits[1]:g}", f"[{unit}]", False)
     formatter = axis.get_major_formatter()
-    known = [*units_of(formatter.variable)] if isinstance(formatter, _Prefixed) else []
-    if unit and unit not in known:
-        typed = f"{name} = {limits[0]:g}:{limits[1]:g} in {unit}"
-        allowed = f"{' or '.join(known) or 'no unit'}{suggestion(near_misses(unit, known))}"
-        raise Refused(f"{typed} is not allowed; expected: {allowed}")
     factor = formatter.keep(unit, written) if isinstance(formatter, _Prefixed) else 1.0
     return limits[0] * factor, limits[1] * factor
+
+
+def check_units(axis: Axis, typed: str, text: str, allow_unnamed: bool) -> None:
+    """Refuse a text with a unit in brackets that is not one of the ticks, if these have one."""
+    formatter = axis.get_major_formatter()
+    known = [*units_of(formatter.variable)] if isinstance(formatter, _Prefixed) else []
+    for unit in re.findall(r"\[\s*(.*?)\s*\]", text.replace(_MU, _MICRO).replace("$", "")):
+        if unit not in known and (known or not allow_unnamed):
+            allowed = f"{' or '.join(known) or 'no unit'}{suggestion(near_misses(unit, known))}"
+            raise Refused(f"{typed} in {unit} is not allowed; expected: {allowed}")
 
 
 def label_axis(axis: Axis, variable: xr.DataArray, heading: bool = False) -> Text:
@@ -244,8 +253,7 @@ def label_axis(axis: Axis, variable: xr.DataArray, heading: bool = False) -> Tex
     text = axis.axes.set_title("", loc="left") if heading else axis.label
     logarithmic = variable.dims == (variable.name,) and log_spaced(variable.values)
     if logarithmic:
-        panel = axis.axes
-        (panel.set_xscale if axis is panel.xaxis else panel.set_yscale)("log")
+        axis.axes.set(**{"xscale" if axis is axis.axes.xaxis else "yscale": "log"})
         tick_in_decades(axis)
     written = ticker.StrMethodFormatter("{x:g}") if logarithmic else ticker.ScalarFormatter()
     describe(axis, variable, text, written)
@@ -253,9 +261,9 @@ def label_axis(axis: Axis, variable: xr.DataArray, heading: bool = False) -> Tex
 
 
 def describe(axis: Axis, variable: xr.DataArray, text: Text, written: ticker.Formatter) -> None:
-    """Describe a variable beside its axis; its ticks are `written` with a prefix of the unit."""
+    """Describe a variable beside its axis; ticks with a named unit are `written` with a prefix."""
     text.set(text=label(variable), wrap=True)
-    if variable.attrs.get("units") in _PREFIXED:
+    if named_unit(variable):
         axis.set_major_formatter(_Prefixed(axis, variable, written, text))
 
 

@@ -25,7 +25,7 @@ from sweeps.config.rig import Nomenclature
 from sweeps.errors import Refused
 from sweeps.opened.doors import in_si, orbits_on_axes, takes_sweep
 from sweeps.opened.opened_sweep import OpenedSweep
-from sweeps.plotting.labels import LARGEST, in_own_unit, set_ends
+from sweeps.plotting.labels import LARGEST, check_units, in_own_unit, set_ends
 from sweeps.plotting.pixels import points_in, widened
 from sweeps.plotting.style import grey_style, user_style
 from sweeps.text import told_apart
@@ -102,6 +102,7 @@ class Page:
         limits, sides = dict[str, Any](), {"x": panel.xaxis, "y": panel.yaxis}
         for side, axis in sides.items():
             ends, unit, text = (getattr(self, f"{side}{word}") for word in ("lim", "unit", "label"))
+            check_units(axis, f"{side}label", text or "", True)
             if ends is not None:
                 name = f"{side}lim"
                 limits[name] = ends if unit is None else in_own_unit(axis, name, ends, unit, text)

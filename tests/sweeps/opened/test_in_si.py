@@ -203,9 +203,12 @@ def test_bifurcations_of_a_rig_are_in_hertz(joint, unpainted):
 def test_cuts_and_limits_are_those_of_the_axes(joint, unpainted):
     result = call("plot", joint, "--kind", "section", "--at", "frequency=23.4")
     assert "frequency = 23.4 is not on the grid; drawn at frequency = 23.5" in result.stderr
-    accepted("plot", joint, "--axis", "frequency", "--xlim", "30:36")
+    accepted("plot", joint, "--xlim", "30:36Hz", "--xlabel", "on [Hz]", "--ylabel", "to [m]")
     for words, said in (
         ("--xlim 100:200", "the data range from 22 to 41"),
+        ("--xlim 30:36kHz", "in kHz is not allowed; expected: Hz"),
+        ("--xlabel speed[rpm]", "xlabel in rpm is not allowed; expected: Hz"),
+        ("--ylabel speed[ft/s]", "ylabel in ft/s is not allowed; expected: m or mm"),
         ("--kind section --at omega=150", "omega cannot be fixed here; choose from: frequency"),
         ("--axis omega", "omega is not a swept axis (it is called frequency here); the file has f"),
         ("--axis frequency --axis frequency", "not frequency, frequency"),
