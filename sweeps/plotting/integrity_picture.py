@@ -239,9 +239,8 @@ def _draw_lines(
         to_next = here | np.append(False, here[:-1])
         look = looks.look(rows[places[0]])
         marks = _of_points(look, looks.grey)
-        panel.plot(
-            x, np.where(to_next, y, np.nan), linewidth=1.0, linestyle=look.dash, color=look.dots
-        )
+        line: dict[str, Any] = {"linewidth": 1.0, "linestyle": look.dash, "color": look.dots}
+        panel.plot(x, np.where(to_next, y, np.nan), **line)
         panel.plot(x, np.where(here & ~bound, y, np.nan), linestyle="", **marks)
         marks |= {"marker": look.marker if looks.grey else _BOUND_MARKER}
         marks |= {"markersize": 4.0, "markerfacecolor": ground()}
@@ -257,6 +256,7 @@ def _draw_disturbances(
     """Draw discs, knocks and the attractors at the section; return their handles."""
     looks, is_exact = regions.looks, starts.spec.impact == "exact"
     line: dict[str, Any] = {"color": ink(), "linewidth": 0.8}
+    line["path_effects"] = [withStroke(linewidth=2.0, foreground=ground())]  # on a dark basin
     rows, others = looks.split(regions.table)
     names = names_of([[row] for row in rows], starts)
     places = {
@@ -264,22 +264,19 @@ def _draw_disturbances(
     }
     if is_exact:
         result = with_cache(knocks)(starts, result, list(places))
-    handles, discs = list[Artist](), list[bool]()
+    handles, discs = list[Artist](), list[Ellipse]()
     for row in attractor_rows(starts, result):
         measures = row.measures
         if row.number not in places or not measures["integrity_factor"] > 0.0:
             continue  # no attractor, or none with a colour of its own
         centre, size = (measures["disc_x"], measures["disc_v"]), 2.0 * measures["integrity_factor"]
-        disc = Ellipse(centre, size, size * starts.oscillator.p, fill=False)
-        panel.add_patch(disc).set(**line)
-        discs.append(
-            panel.viewLim.overlaps(disc.get_path().get_extents(disc.get_patch_transform()))
-        )
+        discs.append(Ellipse(centre, size, size * starts.oscillator.p, fill=False))
+        panel.add_patch(discs[-1]).set(**line)
         if is_exact and math.isfinite(measures["knock_harmful"]):
             number = len(handles) + 1 if looks.grey else None
             colour = looks.look(row).dots
             handles.append(_draw_knock(panel, starts, row, places[row.number], colour, number))
-    if any(discs):
+    if any(panel.bbox.overlaps(disc.get_window_extent()) for disc in discs):
         disc_handle = Line2D([], [], marker="o", fillstyle="none", label="largest disc", **line)
         handles.insert(0, disc_handle)
     if others:

@@ -46,13 +46,12 @@ def draw_points(
     size = marker_size(x, y, 0.5, most) if size is None else size
     alpha = float(np.clip(1e5 / len(y), 0.15, 1.0))
     colour = data_colour() if colour is None else colour
+    look: dict[str, Any] = {"alpha": alpha, "rasterized": True}
     if isinstance(colour, str):
-        (points,) = panel.plot(
-            x, y, marker, linestyle="", color=colour, alpha=alpha, rasterized=True
-        )
+        (points,) = panel.plot(x, y, marker, linestyle="", color=colour, **look)
         points.set(markersize=size, markeredgewidth=0)
     else:
-        panel.scatter(x, y, size**2, colour, alpha=alpha, linewidths=0, rasterized=True)
+        panel.scatter(x, y, size**2, colour, linewidths=0, **look)
 
 
 def mark_some(panel: Axes, points: np.ndarray, marker: str, colour: str) -> None:
@@ -176,9 +175,10 @@ def _extent(*values: np.ndarray) -> float:
 
 
 def agreeing(up: np.ndarray, down: np.ndarray) -> list[np.ndarray]:
-    """Return the masks of the values of each direction that the other has, too."""
+    """Return the masks of the values of each direction that the other, or the same motion, has."""
     size = _extent(up, down) or 1.0
-    return [nearest_distances(up, down, size) < _SAME, nearest_distances(down, up, size) < _SAME]
+    near = np.where(_motions_differ(up, down, size), _SAME, 2.0)[:, None]
+    return [nearest_distances(up, down, size) < near, nearest_distances(down, up, size) < near]
 
 
 def in_both(columns: np.ndarray, axis: int) -> np.ndarray:

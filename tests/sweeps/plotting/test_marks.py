@@ -22,7 +22,7 @@ from sweeps.plotting import (
     section,
     table_panels,
 )
-from sweeps.plotting.marks import draw_jumps
+from sweeps.plotting.marks import agreeing, draw_jumps
 from sweeps.plotting.style import DIRECTION_LOOKS, grey_ramp
 from tests.helpers.commands import accepted
 from tests.helpers.equal_points import equal_points, legend_texts
@@ -138,6 +138,15 @@ def test_a_jump_is_an_arrow_unless_it_is_short(step, arrows):
 
 
 UP, DOWN = r"up, $\omega \rightarrow$", r"down, $\omega \leftarrow$"
+
+
+def test_two_records_of_one_chaotic_motion_are_those_of_both_directions():
+    up, down = np.random.default_rng(0).random((2, 3, 100))
+    down[1] = np.resize([0.3, 0.5, 0.7], 100)  # in a window of three periods
+    up[2], down[2] = 0.2, np.nan
+    both = agreeing(up, down)
+    assert [each.all(axis=1).tolist() for each in both] == 2 * [[True, False, False]]
+    assert not both[0][2].any() and not both[1][2].any() and both[0][1].any()
 
 
 def test_directions_at_the_end_of_the_axis_are_named(dataset):
