@@ -169,12 +169,10 @@ def attractor_report(
         lines = _over_parameters(sweep, result, attractors)
     else:
         lines = [_row_by_row(sweep, result, attractors)]
-    missing = int((result["attractor"] < 0).sum())
-    if missing:
+    if missing := int((result["attractor"] < 0).sum()):
         points = shown_count(result["attractor"].size, "point")
         lines.append(f"{missing:,} of {points} without a result, left out")
-    followed = float(result["followed"].mean())
-    if followed:
+    if followed := float(result["followed"].mean()):
         lines.append(
             f"{100.0 * followed:.1f} % of the starts were followed beyond their record, which "
             "does not show their attractor"
@@ -186,8 +184,8 @@ def attractor_report(
     if "integrity_factor" in result:
         root = ", p = sqrt(stiffness / mass)" if sweep.in_rig else ""
         lines.append(
-            f"distances: sqrt(dx^2 + (dv / p)^2){root}, at omega t = "
-            f"{sweep.spec.phase:g}; >=: the window's edge decided"
+            f"distances: sqrt(dx^2 + (dv / p)^2){root}, at omega t = {sweep.spec.phase:g}, right "
+            "to one spacing of the starts; >=: the window's edge decided"
         )
     return "\n".join(lines)
 

@@ -43,7 +43,7 @@ _EVEN = 1e-6
 def integrity(sweep: OpenedSweep) -> xr.Dataset:
     """Measure how large a disturbance each attractor takes, at every parameter point.
 
-    The distance of two states is sqrt(dx^2 + (dv / p)^2).
+    Distances are sqrt(dx^2 + (dv / p)^2), right to one spacing of the starts.
 
     Parameters
     ----------

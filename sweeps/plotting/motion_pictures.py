@@ -257,7 +257,7 @@ def _text_of_motions(
     starts += turns * [motion.turns for motion in motions]
     begun = np.array([motion.begun for motion in motions])
     since = starts / turns - begun / (2.0 * np.pi)
-    (after, *others) = {shown_count(periods, "forcing period", ".6g") for periods in since}
+    (after, *others) = {shown_count(periods, "forcing period", ",.6g") for periods in since}
     if others:
         return "", "of each motion", None
     start = labels.equation("t_0", time, starts[0]) if len(motions) == 1 else ""
