@@ -16,7 +16,7 @@ from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.backend_bases import RendererBase
-from matplotlib.backends.backend_agg import FigureCanvasAgg, RendererAgg
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import QuadMesh
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
@@ -41,16 +41,6 @@ _LEAST_PANELS = 0.35
 _GAP = 0.06
 
 
-class _Canvas(FigureCanvasAgg):
-    """Measures all texts with one parser, so that a formula is parsed once for all heights."""
-
-    def get_renderer(self) -> RendererAgg:
-        """Return the renderer for the size of the figure."""
-        renderer = super().get_renderer()
-        renderer.mathtext_parser = vars(self).setdefault("parser", renderer.mathtext_parser)
-        return renderer
-
-
 class Picture(Figure):
     """A figure made by a function of this room.
 
@@ -63,7 +53,7 @@ class Picture(Figure):
         super().__init__(figsize=size, layout="constrained")
         self._usual = size[1]  #: Height of the panels unless the page has its own [inch].
         self._height = page.height
-        _Canvas(self)
+        FigureCanvasAgg(self)  # measures texts
 
     def draw(self, renderer: RendererBase) -> None:
         """Draw the figure, with room for all labels at the final size of the panels.

@@ -33,7 +33,7 @@ _NAME_TO_LINE = 1.0
 
 def name_regions(
     panel: Axes, edges: Sequence[np.ndarray], classes: np.ndarray, names: Mapping[int, str]
-) -> None:
+) -> list[Text]:
     """Write the name of its class into every region that has room for it, where it is widest.
 
     Where only an upright name has room, the name is upright. Call this last, because the room is
@@ -41,7 +41,7 @@ def name_regions(
     `classes`, shape (rows, columns), are numbers, of which some have names.
     """
     canvas.lay_out(panel)
-    raster = _as_seen(panel, edges, classes)
+    raster, texts = _as_seen(panel, edges, classes), list[Text]()
     free = _free_of_marks(panel)
 
     def box(name: str) -> tuple[int, int]:
@@ -56,6 +56,8 @@ def name_regions(
         if upright:
             text.set(rotation=90.0, va="center")  # at center_baseline it would be below its place
         _put(text, row, column, raster.shape)
+        texts.append(text)
+    return texts
 
 
 def _shape_of(panel: Axes) -> tuple[int, int]:

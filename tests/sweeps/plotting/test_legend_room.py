@@ -1,14 +1,8 @@
 """Room for titles, legends and ticks in narrow pictures, and branches that are left out."""
 
-from io import BytesIO
-
-import matplotlib.text
 import numpy as np
 import pytest
-from matplotlib._mathtext import Parser
-from matplotlib.backends import backend_agg
 from matplotlib.lines import Line2D
-from matplotlib.mathtext import MathTextParser
 
 from sweeps import branches, load_config
 from sweeps.errors import Refused
@@ -118,8 +112,6 @@ NEWMARK = {
     "oscillator": {"h": 0.1, "R": 0.8, "omega": 2.0, "f": 1.0},
     "method": {"integrator": "newmark", "impact": "reduced-step", "steps_per_period": 120},
 }
-MEASURING = matplotlib.text._get_text_metrics_function  # without what other pictures measured
-WIDTH = matplotlib.text.Text._get_rendered_text_width  # of a line, not of its words
 LOOSE = "$h=0.05$, $R=0.8$, costs 5$"  # an odd number of signs: all are drawn as such
 
 
@@ -138,37 +130,6 @@ def test_a_title_is_broken_again_if_the_width_changes():
     assert height_within(figure) > 1.8 * wide
     figure.set_size_inches(6.0, 4.0)
     assert height_within(figure) == wide
-
-
-@pytest.fixture
-def parsed(monkeypatch):
-    """List the formulas that are parsed, with their sizes and resolutions."""
-    parsed, parse = [], Parser.parse
-
-    def counted(self, text, fonts, size, dpi):
-        parsed.append((text, size, dpi))
-        return parse(self, text, fonts, size, dpi)
-
-    monkeypatch.setattr(Parser, "parse", counted)
-    monkeypatch.setattr(backend_agg, "MathTextParser", MathTextParser)  # not that of all tests
-    monkeypatch.setattr(matplotlib.text, "_get_text_metrics_function", MEASURING)
-    monkeypatch.setattr(matplotlib.text.Text, "_get_rendered_text_width", WIDTH)
-    return parsed
-
-
-def test_a_formula_is_parsed_once_for_each_resolution(with_layout, parsed):
-    """Also if the height changes: for the title, for the legend, for the page, and by the user."""
-    figure = Picture(Page(width=3.4, height=4.0))
-    panel = figure.add_subplot(xlabel=r"frequency $\omega$", ylabel="place $x$")
-    figure.add_title("$h=0.05$, $R=0.8$, $f=1$, some words of a title that is too wide")
-    figure.add_legend(panel.plot([0.0, 1.0], label=r"$\lambda_1$"), None)
-    figure.set_height()
-    for dpi in (100.0, 150.0):
-        figure.savefig(BytesIO(), format="png", dpi=dpi)
-    figure.set_figheight(5.0)
-    assert figure.axes[0].xaxis.label.get_window_extent().width > 0.0
-    assert {text for text, *_ in parsed} >= {"$\\lambda_1$", "place $x$", "$h=0.05$, $R=0.8$,"}
-    assert len(parsed) == len(set(parsed)) > 8
 
 
 def test_a_title_with_a_loose_sign_is_drawn_or_refused():

@@ -226,7 +226,7 @@ def test_marks_beside_each_other_have_no_gaps(with_layout):
     line["poincare_x"].values[0] = np.stack([omega, -omega], axis=1)
     plot(line, "marks.png", "bifurcation", page=Page(width=7.0, dpi=300, legend=False, title=""))
     pixels = np.asarray(Image.open("marks.png").convert("RGB")).astype(int)
-    purple = (abs(pixels - [0x8A, 0x2B, 0xE2]) < 3).all(axis=2)
+    purple = (abs(pixels - [0x4B, 0x00, 0x82]) < 3).all(axis=2)
     row = purple[np.argmax(purple.sum(axis=1))]
     assert row.sum() > 500 and np.ptp(np.flatnonzero(row)) + 1 == row.sum()
 
