@@ -167,8 +167,8 @@ def test_a_dataarray_that_does_not_fit_is_refused(dataset, draw, change, message
 
 
 def dots_of_map(dataset):
-    """Return the colours that dots have, by the labels of a map."""
-    of_map = legend(parameter_map(dataset))
+    """Return the colours that dots have, by the labels of a map without the names of others."""
+    of_map = {text.partition(":")[0]: each for text, each in legend(parameter_map(dataset)).items()}
     return {text: style.dot_colour(colour.upper()).lower() for text, colour in of_map.items()}
 
 
