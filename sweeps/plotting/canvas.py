@@ -292,17 +292,17 @@ def _thin_ticks(axis: Axis) -> None:
     """Choose fewer ticks of an axis where their labels would touch."""
     panel, locator = axis.axes, axis.get_major_locator()
     is_across = axis is panel.xaxis
-    for most in range(7, 1, -1):
-        ticks = [tick.label1 for tick in axis.get_major_ticks() if tick.label1.get_visible()]
-        boxes = [text.get_window_extent() for text in ticks if text.get_text()]
+    for fewer in range(len(axis.get_majorticklocs()) - 1, 0, -1):
+        texts = [text for text in axis.get_majorticklabels() if text.get_text()]
+        boxes = [text.get_window_extent() for text in texts if text.get_visible()]
         ends = sorted(tuple(box.intervalx if is_across else box.intervaly) for box in boxes)
         gap = min((after[0] - before[1] for before, after in pairwise(ends)), default=np.inf)
         if gap >= (_GAP * figure_of(panel).dpi if is_across else 0.0):
             return
         if isinstance(locator, MaxNLocator | FixedLocator):
-            locator.set_params(nbins=most)
+            locator.set_params(nbins=fewer)
         elif isinstance(locator, LogLocator):
-            locator.set_params(numticks=most)
+            locator.set_params(numticks=fewer)
         else:
             return
         lay_out(panel)
