@@ -78,8 +78,7 @@ def settle(
     rests = _rests_of(share, np.maximum(chatters, share > 0.0))
     chaotic = _chaotic(regime, rests, parameter)
     going = np.flatnonzero((regime == Regime.UNKNOWN) | _rested_once(regime, rests) | chaotic)
-    first = int(sweep["section"].values[0]) if "section" in sweep else 1
-    length = first - 1 + sweep.sizes["section"]
+    length = int(sweep.transients.ravel()[going].max(initial=0)) + sweep.sizes["section"]
     done, planned, spec = 0, 3 * length * going.size, sweep.spec
     chaos_ends = np.zeros_like(continued)
     for i in range(extensions):

@@ -179,9 +179,7 @@ def motion_of(point: OpenedSweep, periods: int | None, most: int = MOST_DRAWN) -
         periods = periods_shown(label.m if label else 0)
     names = TRAJECTORIES if periods is None else ("poincare_x", "poincare_v")
     columns, begun = recorded(point, names), _begun(point)
-    oscillator, spec = point.oscillator, point.spec
-    if spec.longest is not None:  # each point has its own transient
-        spec = replace(spec, transient=point["transient"].item())
+    oscillator, spec = point.oscillator, replace(point.spec, transient=point.transients.item())
     if periods is None:
         return PointMotion.of(oscillator, spec, np.array(columns), spec.periods, most, begun)
     return continued(oscillator, spec, columns, periods, begun, most)

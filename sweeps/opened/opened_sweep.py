@@ -148,8 +148,14 @@ class OpenedSweep:
     def regimes(self) -> np.ndarray:
         """The `Regime` at every point of a sweep with ``period``."""
         values = self.values((*OF_REGIMES, "omega"), ["lyapunov"])
-        periods = self.sizes["section"] if "section" in self.sizes else self.spec.periods
-        return regimes_of(values, values["omega"], periods)
+        return regimes_of(values, values["omega"], self.spec.periods)
+
+    @property
+    def transients(self) -> np.ndarray:
+        """How many forcing periods every point had before the first section that is held."""
+        first = int(self["section"][0]) if "section" in self else 1
+        own = self["transient"].values if self.spec.longest is not None else np.zeros(self.shape)
+        return own.astype(int) + first - 1
 
     @property
     def on_its_way(self) -> np.ndarray:

@@ -24,7 +24,7 @@ from sweeps.store.variables import FLAGS, VARIABLES, unit_in
 from sweeps.text import fewest_digits, in_brackets, shown_duration, table, unit_name
 from sweeps.yaml_text import yaml_mapping
 from vibroimpact.oscillator import PARAMETERS
-from vibroimpact.points.regimes import by_destination
+from vibroimpact.points.regimes import by_destination, regimes_of
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -193,7 +193,9 @@ def contents_by_key(sweep: OpenedSweep) -> dict[str, Any]:
     configuration = attributes.pop("configuration")
     classes = {}
     if "class_evidence" in sweep:
-        classes = by_destination(sweep.regimes, *sweep.values(["orbit_distance"]).values())
+        results = sweep.values(["omega"], RESULTS)
+        regimes = regimes_of(results, results["omega"], sweep.sizes["section"])
+        classes = by_destination(regimes, results["orbit_distance"])
     return {
         "name": attributes.pop("name"),
         "points": sweep["status"].size,

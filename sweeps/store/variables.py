@@ -92,7 +92,7 @@ COLUMN_NAMES = "columns"
 
 #: The record dimensions and the meaning of their coordinates.
 RECORDS: Mapping[str, str] = {
-    "section": "number of the forcing period that ends at the section",
+    "section": "number of the forcing period that ends at the section (auto: in the record)",
     "impact": "number of the impact among those kept",
     "sample": "number of the sample",
     "exponent": "number of the exponent, the larger first",

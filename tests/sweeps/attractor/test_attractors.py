@@ -1,5 +1,7 @@
 """Distinct attractors against published speeds, long runs, symmetries, and pair by pair."""
 
+from itertools import product
+
 import numpy as np
 import pytest
 
@@ -119,14 +121,24 @@ RARE_REST = (
 )
 
 
-@pytest.mark.parametrize("oscillator", RARE_REST)
-@pytest.mark.parametrize("diagnostics", ["[period]", "[period, lyapunov]"])
-def test_chaos_that_rests_now_and_then_is_one_attractor(computed_starts, oscillator, diagnostics):
+LONG, OWN = "transient: 200, periods: 100", "transient: auto, longest: 3000, periods: 32"
+
+
+@pytest.mark.parametrize(
+    ("oscillator", "length", "diagnostics"),
+    [
+        *product(RARE_REST, [LONG], ["period", "period, lyapunov"]),
+        (RARE_REST[0], OWN, "period, lyapunov"),
+    ],
+)
+def test_chaos_that_rests_now_and_then_is_one_attractor(
+    computed_starts, oscillator, length, diagnostics
+):
     """Over 62,600 periods every start rests: once in about 1000 periods, and in 300."""
     dataset = computed_starts(
         oscillator,
         "start={x0: {start: -2.5, stop: 0.0, num: 12}, v0: {start: -2.0, stop: 2.0, num: 12}}",
-        f"record={{transient: 200, periods: 100, diagnostics: {diagnostics}}}",
+        f"record={{{length}, diagnostics: [{diagnostics}]}}",
     )
     records = attractors(dataset, extensions=0)["motion"].values
     assert (records >= 0).sum() > 1
