@@ -1,4 +1,4 @@
-"""A run in words: its plan, its result, counts of status and class, what is kept of it."""
+"""A run in words: its plan, axes, result, counts of status and class, what is kept of it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Continues motions until they `settle`; links attractors from value to value of an axis.
+"""Continues motions beyond records until they `settle`; links attractors along an axis.
 
 **Settling.** The class of a motion is that of its destination (`vibroimpact.destination`). A motion
 without a class is continued, unless it rests twice, with the method of the file.

@@ -1,4 +1,4 @@
-"""Checks of several keys together: exclusions, points, steps, stability, sizes.
+"""Checks of several keys together, at all points: exclusions, steps, stability, sizes.
 
 What a key may be on its own is in ``groups.py``.
 """

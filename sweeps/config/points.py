@@ -1,4 +1,4 @@
-"""Reads the points of a sweep from a table, and checks every cell."""
+"""Reads the points of a sweep from a table; refuses columns and cells."""
 
 from __future__ import annotations
 

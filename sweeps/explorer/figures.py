@@ -1,4 +1,4 @@
-"""What the live pictures share: `PixelFigure`, and the `Worker` that computes their `Step`s."""
+"""What live pictures share: `PixelFigure`, labels of axes, the `Worker` of their `Step`s."""
 
 from __future__ import annotations
 

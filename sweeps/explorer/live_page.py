@@ -1,4 +1,4 @@
-"""`LivePage`: its view, its tabs and events, and its thread."""
+"""`LivePage`: answers clicks and other events: tabs, the next `View`; its thread."""
 
 from __future__ import annotations
 

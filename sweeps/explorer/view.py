@@ -1,4 +1,4 @@
-"""`View`: a parameter point, the windows around it, what is switched on; its YAML.
+"""`View`: a point in units of page and model, windows around it, switches; YAML.
 
 A `View` is an immutable value. It provides the configuration of every picture, which alone
 determines the results, and the query in the address of the page. Its numbers are those that a

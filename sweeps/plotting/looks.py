@@ -1,4 +1,4 @@
-"""Chooses the look and name of each class, regime, status, attractor; groups points as `Cells`."""
+"""Chooses looks and names of classes, attractors, statuses; groups rows, points as `Cells`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Chooses which parts of numba are used: private ones, options, or the plainest.
+"""Chooses which parts of numba are used: private ones, options, or the plainest, after a trial.
 
 The faster ways change no result, but a version of numba may lack what they need. With a version
 that was not tried, each is checked once per installation, in a process of its own that may crash.

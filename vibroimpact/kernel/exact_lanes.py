@@ -1,4 +1,4 @@
-"""The loop of exact steps; flights of lanes that may have met the stop go to columns, and back.
+"""The loop of exact steps, tangents carried or not; flights of lanes go to columns, and back.
 
 All lanes take a step as if there were no stop; the results go to their second rows. Lanes that may
 have met the stop are listed, and their flights are followed side by side, in columns. A flight for

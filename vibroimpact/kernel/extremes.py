@@ -1,4 +1,4 @@
-"""Lanes whose steps may widen their extremes, found and evaluated side by side.
+"""Widens the extremes of lanes: finds steps that may, and turns, side by side.
 
 See ``turning_points.py``. A lane is watched while it is recorded, but not in a period for which it
 is near its free oscillation, or once it is proved that nothing widens its reach again. Whole steps

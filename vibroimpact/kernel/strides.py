@@ -1,4 +1,4 @@
-"""The loop of time stepping: all steps of a stride; lanes that met the stop repeat it.
+"""The loop of time stepping, its force from a table; lanes that met the stop repeat a stride.
 
 A stride is a few steps. Every lane is taken over it by its affine map as if there were no stop. A
 lane that may meet the stop in a stride stays at its start, and is then taken through the stride

@@ -1,4 +1,4 @@
-"""The tangent vectors of all lanes, for Lyapunov exponents."""
+"""Takes the tangent vectors of all lanes along; normalises them, sums growth."""
 
 from __future__ import annotations
 

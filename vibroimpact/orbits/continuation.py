@@ -1,4 +1,4 @@
-"""Takes pseudo-arclength steps along a path, shortens them, and finds where it ends.
+"""Takes pseudo-arclength steps along a path, shortens them; finds its end, as at a graze.
 
 A step goes along the tangent and is corrected in the plane normal to it (Keller 1977), so folds are
 passed like any other point. The step is shortened if Newton's method fails, if the tangent turns

@@ -1,4 +1,4 @@
-"""Extrapolates paths to singular ends: orbits of half the period, impacts without speed.
+"""Extrapolates paths to singular ends: orbits of half the period, impacts without speed, touches.
 
 A branch of orbits of twice the period ends at a flip of the half, where its halves change places.
 A curve of folds of such orbits ends where this flip is degenerate (Kuznetsov, *Elements of Applied

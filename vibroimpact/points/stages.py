@@ -1,4 +1,4 @@
-"""`RunSpec`, what is computed of each point; motions continued until they have a class or orbit.
+"""`RunSpec`, what is computed of each point, its `part`; `transient: auto`, in stages.
 
 A run that starts from a section continues the run before it to the last bit.
 

@@ -1,4 +1,4 @@
-"""`Propagator`, the exact map of a step without impacts; bounds on its flight; free oscillation.
+"""`Propagator`, the exact map of a step without impacts; its guard; free oscillation.
 
 With the phase theta = omega t as time, every point of a sweep has the same step 2 pi / N. The state
 is y = x - clearance, which keeps the digits of short bounces at any clearance, and

@@ -1,4 +1,4 @@
-"""`TraceJob`: the motions of points step by step, to the bits of the kernel."""
+"""`TraceJob`: records the motions of points step by step, to the bits of the kernel."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Takes one orbit to its next step: map, `meet_stop` or `exact_step`, time stepping.
+"""Takes one orbit, and its reach, over a step: map, `meet_stop` or `exact_step`, time stepping.
 
 The state of an orbit between steps is (x, v, resting), or with the rule ``exact`` (y, w, resting)
 in the units of ``propagator.py``. At the end of a period it is rounded to (x, v), so that a run

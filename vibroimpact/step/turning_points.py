@@ -1,4 +1,4 @@
-"""The least and greatest x of a step, a flight or an impact, also where the mass turns.
+"""Bounds a flight; widens the reach (least, greatest x), also where the mass turns.
 
 The reach is a pair, of x, or with the rule ``exact`` of y in the units of ``propagator.py``. A
 flight that is proved to stay within the reach so far is not searched. Between its ends a flight

@@ -1,4 +1,4 @@
-"""Lyapunov exponents: a tangent vector carried through flights, impacts (saltation), rests.
+"""Carries a tangent vector through flights, impacts (saltation), rests: Lyapunov exponents.
 
 Between impacts a tangent vector follows the matrix M of the flow. Let an impact have the speed v,
 the acceleration a_- before and a_+ after it. On a neighbouring orbit it comes earlier by
