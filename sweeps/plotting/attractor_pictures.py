@@ -344,6 +344,8 @@ def _draw_rows(
     coordinate: str,
 ) -> list[_Series]:
     """Draw the record of each attractor, with the periodic ones on top."""
+    series = looks.by_look(table)
+    table = [row for rows in series for row in rows]
     values = records(line, coordinate, np.array([row.point for row in table]))
     if coordinate.startswith("poincare"):
         for record, row in zip(values, table, strict=True):
@@ -352,21 +354,17 @@ def _draw_rows(
     if not len(finite):
         refuse_empty(line, coordinate)
     widen_if_constant(panel.yaxis, finite.min(), finite.max())
-    abscissa = np.array([row.parameters[axis] for row in table])
-    series = looks.series(table)
-    names = names_of([[table[i] for i in places] for places in series], line, line[axis])
-    drawn = []
-    for places, name in zip(series, map("".join, names), strict=True):
-        y = values[places]
-        x = np.broadcast_to(abscissa[places, None], y.shape)[np.isfinite(y)]
+    names = map("".join, names_of(series, line, line[axis]))
+    drawn, parts = [], np.split(values, np.cumsum([*map(len, series)])[:-1])
+    for rows, name, y in zip(series, names, parts, strict=True):
+        x = np.broadcast_to([[row.parameters[axis]] for row in rows], y.shape)[np.isfinite(y)]
         y = y[np.isfinite(y)]
-        first = table[places[0]]
-        look = looks.look(first)
+        first, look = rows[0], looks.look(rows[0])
         (dots,) = panel.plot(x, y, "o", color=look.dots, rasterized=True)
         scattered = first.regime is not Regime.PERIODIC
         least, most, zorder = (0.8, 1.2, 2.0) if scattered else (1.5, 2.0, 3.0)
         size = marker_size(x, y, least, most)
         dots.set(markersize=size, markeredgewidth=0, zorder=zorder)
         label = name if looks.has_own(first) else "other periodic attractors"
-        drawn.append(_Series([table[i] for i in places], look, dots, label))
+        drawn.append(_Series(rows, look, dots, label))
     return drawn

@@ -170,10 +170,8 @@ def _handles_of_profile(
     seen = {(part.get_color(), looks.grey and part.get_marker()) for part in parts}
     of_basins = {looks.look(row) for row in of_regions}
     of_basins = set() if looks.grey else {look for look in of_basins if look.dots == look.colour}
-    series = [[table[i] for i in places] for places in looks.series(table)]
-    handles: list[Artist] = []
-    named = names_of(series, line, line[axis])
-    for rows, names in zip(series, named, strict=True):
+    handles, series = list[Artist](), looks.by_look(table)
+    for rows, names in zip(series, names_of(series, line, line[axis]), strict=True):
         look = looks.look(rows[0])
         if look not in of_basins and (look.dots, looks.grey and look.marker) in seen:
             text = "".join(names) if looks.has_own(rows[0]) else "other periodic attractors"
@@ -234,10 +232,10 @@ def _draw_lines(
 ) -> list[tuple[str, np.ndarray]]:
     """Draw a measure of one attractor over the axis, a line for each of its looks; return these."""
     lines = []
-    for places in looks.series(rows):
-        here = np.isin(x, [rows[i].parameters[axis] for i in places])
+    for series in looks.by_look(rows):
+        here = np.isin(x, [row.parameters[axis] for row in series])
         to_next = here | np.append(False, here[:-1])
-        look = looks.look(rows[places[0]])
+        look = looks.look(series[0])
         marks = _of_points(look, looks.grey)
         line: dict[str, Any] = {"linewidth": 1.0, "linestyle": look.dash, "color": look.dots}
         panel.plot(x, np.where(to_next, y, np.nan), **line)
@@ -245,8 +243,7 @@ def _draw_lines(
         marks |= {"marker": look.marker if looks.grey else _BOUND_MARKER}
         marks |= {"markersize": 4.0, "markerfacecolor": ground()}
         panel.plot(x, np.where(here & bound, y, np.nan), linestyle="", **marks)
-        named = classes_text([rows[i] for i in places])
-        lines.append((named, np.stack([x, np.where(here, y, np.nan)], axis=1)))
+        lines.append((classes_text(series), np.stack([x, np.where(here, y, np.nan)], axis=1)))
     return lines
 
 

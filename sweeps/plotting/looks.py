@@ -1,4 +1,4 @@
-"""Chooses looks and names of classes, attractors, statuses; groups rows, points as `Cells`."""
+"""Chooses looks and names of classes, attractors, statuses; points as `Cells`, rows `by_look`."""
 
 from __future__ import annotations
 
@@ -171,12 +171,12 @@ class Looks(NamedTuple):
         index = self.further[key]
         return look_of(None if index is None else style.FURTHER[index], self.grey)
 
-    def series(self, table: Sequence[AttractorRow]) -> list[list[int]]:
-        """Return the places of the attractors with the same look, the most frequent ones first."""
-        places: dict[style.Look, list[int]] = {}
-        for i in sorted(range(len(table)), key=lambda i: (table[i].number, table[i].m)):
-            places.setdefault(self.look(table[i]), []).append(i)
-        return list(places.values())
+    def by_look(self, table: Sequence[AttractorRow]) -> list[list[AttractorRow]]:
+        """Return the attractors with the same look together, the most frequent ones first."""
+        series: dict[style.Look, list[AttractorRow]] = {}
+        for row in sorted(table, key=lambda row: (row.number, row.m)):
+            series.setdefault(self.look(row), []).append(row)
+        return list(series.values())
 
     def split(self, table: Sequence[AttractorRow]) -> tuple[list[AttractorRow], list[AttractorRow]]:
         """Return the attractors that have a look of their own, and the others."""
