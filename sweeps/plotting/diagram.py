@@ -24,7 +24,7 @@ from sweeps.plotting.page import PAGE, Page, styled
 from sweeps.plotting.pixels import draw_density, in_view, value_ranges
 from sweeps.plotting.table_points import draw_overlay, read_overlay
 from sweeps.store.variables import DIRECTION, FLAGS
-from vibroimpact.points.regimes import NO_CLASS, has_result
+from vibroimpact.points.regimes import NO_CLASS, OF_REGIMES, has_result
 
 #: More points than this are drawn as a density, because single markers would merge.
 DENSITY_FROM = 2_000_000
@@ -156,17 +156,13 @@ def _with_numbers(
     return sweep, names, None if tint == DIRECTION else tint
 
 
-def _in_chaos(line: OpenedSweep, values: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
-    """Return a function that says where on the axis all motions are chaotic or unknown.
+def _within(chaos: np.ndarray, values: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
+    """Return a function that says where on the axis there is chaos, a mask of its values.
 
     Short runs are left out, because lines that alternate would read as dashes.
     """
-    no_class = np.zeros((1, len(values)), bool)
-    if "period" in line:
-        no_class = np.isin(line.regimes, NO_CLASS).reshape(-1, len(values))
     order = np.argsort(values)
-    mask = np.asarray(no_class.all(axis=0))
-    chaos = without_gaps(mask[order], max(1, len(values) // _RUNS))
+    chaos = without_gaps(chaos[order], max(1, len(values) // _RUNS))
     return lambda x: np.interp(x, values[order], chaos.astype(float)) > 0.5
 
 
@@ -179,6 +175,10 @@ class _Motions:
         """Split a line into its directions; colours of the points have the shape (n, 4)."""
         self.line, self.axis, self.coordinate, self.grey = line, axis, coordinate, grey
         self.values, self.ways, self.rgba = line[axis].values, line.each_direction, rgba
+        #: Where the motions of all ways are chaotic or unknown.
+        self.chaos = np.full(len(self.values), all(name in line for name in OF_REGIMES))
+        for way in self.ways if self.chaos.all() else ():
+            self.chaos &= np.isin(way.regimes, NO_CLASS)
         self.dots = list[Line2D]()
         up, down = (style.dot_colour(look.colour) for look in style.DIRECTION_LOOKS[grey])
         self.colours = up, down
@@ -216,7 +216,8 @@ class _Motions:
         if len(parts) == 2:
             dark = style.dot_colour(style.BOTH_COLOUR)
             look = {"most": 1.6} | look  # thin, so that both directions are seen
-            both = agreeing(*records)
+            up, down = records
+            both = agreeing(up, down, self.chaos)
             apart = [(y, fine & ~b, tint) for (y, fine, tint), b in zip(parts, both, strict=True)]
             parts = [(y, b, dark) for y, b in zip(records, both, strict=True)] + apart
         shapes = len(parts) * ["o"]
@@ -236,7 +237,7 @@ class _Motions:
         """Draw exact branches; return their lines by name, and a handle that counts the others."""
         exact, idle = without_idle(exact, self.line)
         is_plain = len(self.ways) == 1 and self.rgba is None and not self.grey
-        in_chaos = _in_chaos(self.line, self.values)
+        in_chaos = _within(self.chaos, self.values)
         branches = draw_branches(panel, exact, self.coordinate, is_plain, in_chaos, marks)
         counted = Line2D([], [], linestyle="", label=f"branches not drawn: {idle}")
         return branches, [counted] if idle else []

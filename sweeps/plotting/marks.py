@@ -174,10 +174,10 @@ def _extent(*values: np.ndarray) -> float:
     return float(np.ptp(every)) if every.size else 0.0
 
 
-def agreeing(up: np.ndarray, down: np.ndarray) -> list[np.ndarray]:
-    """Return the masks of the values of each direction that the other, or the same motion, has."""
+def agreeing(up: np.ndarray, down: np.ndarray, chaos: np.ndarray) -> list[np.ndarray]:
+    """Return the masks of the values of each direction that the other, or the same chaos, has."""
     size = _extent(up, down) or 1.0
-    near = np.where(_motions_differ(up, down, size), _SAME, 2.0)[:, None]
+    near = np.where(chaos & ~_motions_differ(up, down, size), 2.0, _SAME)[:, None]
     return [nearest_distances(up, down, size) < near, nearest_distances(down, up, size) < near]
 
 

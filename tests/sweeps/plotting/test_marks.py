@@ -144,9 +144,19 @@ def test_two_records_of_one_chaotic_motion_are_those_of_both_directions():
     up, down = np.random.default_rng(0).random((2, 3, 100))
     down[1] = np.resize([0.3, 0.5, 0.7], 100)  # in a window of three periods
     up[2], down[2] = 0.2, np.nan
-    both = agreeing(up, down)
+    both = agreeing(up, down, np.full(3, True))
     assert [each.all(axis=1).tolist() for each in both] == 2 * [[True, False, False]]
     assert not both[0][2].any() and not both[1][2].any() and both[0][1].any()
+
+
+@pytest.mark.parametrize("near", [0.006, 0.009])
+def test_motions_with_a_class_are_those_of_both_directions_only_where_their_values_are(near):
+    """Also if they are close to each other, or differ in one of many values."""
+    up = np.repeat([[0.0], [0.5], [1.0]], 60, axis=1)
+    down = up + np.array([[0.0], [near], [0.0]])
+    down[2, 7] = 0.6
+    ways = agreeing(up, down, np.full(3, False))
+    assert [each.sum(axis=1).tolist() for each in ways] == [[60, 0, 60], [60, 0, 59]]
 
 
 def test_directions_at_the_end_of_the_axis_are_named(dataset):
