@@ -73,7 +73,9 @@ _MEANING = {
 }
 #: What else is said of a point with exact impacts.
 _OF_EXACT = {
-    Status.COMPUTED: "the stop is so far away that x keeps fewer than 8 digits of the motion",
+    Status.COMPUTED: (
+        "x keeps fewer than 8 digits of the motion: the stop is far away, or omega^2 overflows"
+    ),
     Status.NON_FINITE: "a number overflowed: the motion is too large",
 }
 

@@ -225,8 +225,8 @@ def test_dry_run_says_what_would_be_done_and_does_nothing(monkeypatch):
     printed = accepted("run", "sweep.yaml", "--dry-run")
     rows = [tuple(re.split(r"  +", line)) for line in printed.splitlines()]
     # Per point: 4 sections, 2 impacts, nine numbers, the class as two, its orbit as three, its
-    # evidence and the status.
-    size = 10 * (8 * (2 * 4 + 2 * 2 + 9 + 2 + 3) + 2)
+    # evidence and the status; and what 20 variables take without points.
+    size = 10 * (8 * (2 * 4 + 2 * 2 + 9 + 2 + 3) + 2) + 20 * 4500
     time, memory = dict(rows)["expected time"], dict(rows)["memory"]
     assert rows == [
         ("name", "small"),
@@ -252,6 +252,8 @@ def test_every_start_says_what_it_takes():
     for line in planned:
         assert line in started or line.startswith("expected time")
     assert re.search(r"^expected time +about \d\S* s$", started, re.MULTILINE)
+    size = float(re.search(r"size of the file +(\S+) kB", started)[1])
+    assert 1000 * size == pytest.approx(Path("small.h5").stat().st_size, rel=0.1)
 
 
 def test_what_became_of_the_points_is_told(monkeypatch):
@@ -266,8 +268,8 @@ def test_what_became_of_the_points_is_told(monkeypatch):
     monkeypatch.setattr(executors, "compute_block", settled)
     accepted("run", "sweep.yaml", "--quiet", "--overwrite")
     assert re.search(
-        r"points +10 points, of which 1 COMPUTED \(the stop is so far away that x keeps fewer than "
-        rf"8 digits of the motion\); 1 CUT_SHORT \({Status.CUT_SHORT.meaning}\)\n",
+        r"points +10 points, of which 1 COMPUTED \(x keeps fewer than 8 digits of the motion: the "
+        rf"stop is far away, or omega\^2 overflows\); 1 CUT_SHORT \({Status.CUT_SHORT.meaning}\)\n",
         accepted("info", "small.h5"),
     )
     monkeypatch.setattr(executors, "compute_block", compute)
@@ -283,7 +285,7 @@ def test_a_stop_too_far_away_is_told():
         "record={transient: 0, periods: 8}",
     ]
     changes = [word for setting in settings for word in ("--set", setting)]
-    said = "2 points, of which 2 COMPUTED (the stop is so far away that x keeps fewer than 8 digits"
+    said = "2 points, of which 2 COMPUTED (x keeps fewer than 8 digits of the motion: the stop is"
     assert f"small.h5: {said}" in accepted("run", "sweep.yaml", *changes)
     assert said in accepted("info", "small.h5")
     with sweeps.open_sweep("small.h5") as dataset:

@@ -144,7 +144,7 @@ def test_the_memory_and_size_that_are_told_are_those_of_blocks_and_file(changes,
     arrays = sum(array.nbytes for array in compute_block(config.sweep, block, None).values())
     assert told.memory == pytest.approx(limits._BLOCKS_HELD * arrays, rel=0.01)
     size = run_sweep(config, "out.h5").stat().st_size
-    assert told.file <= size <= told.file + 100_000
+    assert told.file == pytest.approx(size, rel=0.03)
 
 
 RATTLING = [
