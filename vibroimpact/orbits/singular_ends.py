@@ -46,6 +46,8 @@ _SHORT = 0.02
 #: less it is the same to this share of the ranges, or to the second one at a rest and where speeds
 #: grow.
 _POINTS, _APART, _PRECISE, _KNOWN = 5, 1.5, 1e-8, 1e-7
+#: Of a long path the last points tell where it leads.
+_LATE = 100
 #: The second place at which a touch is looked at, and the error of the root, in scaled unknowns.
 _NEAR = 1e-6, 1e-9
 #: A curve may end in a corner of its ranges if it is this near to one of its edges.
@@ -259,6 +261,7 @@ def _limit(
     more. The nearest values are less accurate. The error is infinite if the last place is not below
     a bound.
     """
+    points = points[-_LATE:]
     last, kept = value(points[-1]), [len(points) - 1]
     best, least = last, math.inf
     if not 0.0 < place(points[-1]) < below:
