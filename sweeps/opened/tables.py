@@ -100,11 +100,12 @@ def write_csv(path: Path, parts: Iterable[pd.DataFrame]) -> int:
 def write_rows(sweep: OpenedSweep, path: Path, rows: str) -> int:
     """Write a row for every point, section or impact of a sweep, and return their number.
 
-    The row of a point has its parameters and every result that is a single number: Lyapunov
-    exponents as ``lyapunov_1`` and ``lyapunov_2``, words for ``status`` and ``class_evidence``. The
-    row of a section or an impact has the axes, or the columns of a table, its number and its
-    values; what was not recorded has no row. All digits are kept, so that reading the file gives
-    the same numbers; NaN is an empty field. The file is replaced only when the table is complete.
+    The row of a point has its parameters, its class and every result that is a single number:
+    Lyapunov exponents as ``lyapunov_1`` and ``lyapunov_2``, words for ``status`` and
+    ``class_evidence``. The row of a section or an impact has the axes, or the columns of a table,
+    its number and its values; what was not recorded has no row. All digits are kept, so that
+    reading the file gives the same numbers; NaN is an empty field. The file is replaced only when
+    the table is complete.
     """
     refuse_points(sweep.whole.columns, path)
     data = _scalars(sweep) if ROWS[rows] is None else _records(sweep, rows)
@@ -126,8 +127,14 @@ def _records(sweep: OpenedSweep, rows: str) -> xr.Dataset:
 
 
 def _scalars(sweep: OpenedSweep) -> xr.Dataset:
-    """Return the results with a single number per point, and each Lyapunov exponent."""
+    """Return the class, the results with a single number per point, and each Lyapunov exponent.
+
+    A column of a table with the name ``class`` takes the place of the class.
+    """
     columns = {}
+    if "class" not in sweep.columns:
+        classes = ["?" if label is None else str(label) for label in sweep.labels]
+        columns["class"] = sweep["status"].copy(data=np.reshape(classes, sweep["status"].shape))
     for name in filter(sweep.__contains__, VARIABLES):
         if VARIABLES[name].dimension is None:
             columns[name] = sweep[name]

@@ -102,7 +102,7 @@ def test_a_table_goes_on_where_it_was_stopped(stop_after):
 def test_every_form_of_a_table_is_the_same_sweep():
     """A file, columns of YAML, arrays, a DataFrame, a structured array; and the file of a sweep."""
     columns = {"omega": [2.5, 0.1 + 0.2, 3.0], "R": [0.5, 1.0, 0.0], "label": ["a", "", "007"]}
-    columns["mm"] = [0.5, 2.0, -1.5]
+    columns |= {"mm": [0.5, 2.0, -1.5], "class": ["b", "a", "c"]}  # its own, not the motion's
     write_csv(columns)
     frame = pd.DataFrame(columns)
     table = load_config("sweep.yaml").points
@@ -122,7 +122,8 @@ def test_every_form_of_a_table_is_the_same_sweep():
     accepted("export", "out.h5", "-o", "rows.csv")
     exported = pd.read_csv("rows.csv", keep_default_na=False, dtype={"label": str})
     assert_array_equal(exported["omega"], columns["omega"])
-    assert list(exported["label"]) == columns["label"] and list(exported["point"]) == [1, 2, 3]
+    assert all(list(exported[name]) == columns[name] for name in ("label", "class"))
+    assert list(exported["point"]) == [1, 2, 3]
 
 
 def refused_table(text):

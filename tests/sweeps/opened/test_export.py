@@ -1,6 +1,7 @@
 """Tables as files: a table of points against the arrays, written whole or not at all."""
 
 import csv
+import json
 import os
 from pathlib import Path
 
@@ -63,6 +64,12 @@ def test_every_scalar_comes_back_to_the_last_bit(path, monkeypatch):
             for k in (0, 1):
                 assert float(row[f"lyapunov_{k + 1}"]) == point["lyapunov"][k]
     assert not {"poincare_x", "impact_v"} & set(rows[0])
+    told = json.loads(accepted("info", path, "--json"))["classes"]
+    words = [row["class"] for row in rows]
+    assert words.count("chaotic") == told["chaotic"] and words.count("?") == told["unknown"]
+    periodic = [row for row in rows if "/" in row["class"]]
+    assert len(periodic) == told["settled on m/q"] + told["on its way to m/q"] > 0
+    assert all(row["class"] == f"{row['period']}/{row['period_impacts']}" for row in periodic)
     monkeypatch.setattr("sweeps.opened.tables._PART", 3)
     exported(path, "parts.csv")
     assert Path("parts.csv").read_bytes() == Path("points.csv").read_bytes()

@@ -212,6 +212,12 @@ def test_files_that_are_not_ours_are_refused(tmp_path):
             file.attrs["format"] = name
         with pytest.raises(StoreError, match="not one that vibroimpact wrote"):
             open_sweep("out.h5")
+    Path("out.h5").unlink()
+    fill_blocks("out.h5")
+    with open_sweep("out.h5") as ds:
+        ds.to_netcdf("copy.h5", engine="h5netcdf")
+    with pytest.raises(StoreError, match="copy.h5 is .*, but not one that vibroimpact wrote"):
+        open_sweep("copy.h5")
 
 
 @pytest.mark.parametrize("name", ["", "/schema.h5", "/block-000001.npz"])
