@@ -144,6 +144,8 @@ def _opened(dataset: object) -> OpenedSweep:
         raise Refused(f"the Dataset {problem}; expected: {_EXPECTED}")
     floats = (each for each in dataset.variables.items() if each[1].dtype.kind == "f")
     dataset = dataset.assign({name: v.astype(float) for name, v in floats if v.dtype != float})
+    if DIRECTION in dataset.dims and dataset[DIRECTION][0] == "down":  # sorted by name
+        dataset = dataset.isel({DIRECTION: slice(None, None, -1)})
     whole = {name: each.astype(VARIABLES[name].dtype) for name, each in _integers(dataset)}
     ordered = dataset.assign(whole).transpose(*dataset["status"].dims, ...)
     for called, variable in ordered.variables.items():  # pandas keeps no attributes

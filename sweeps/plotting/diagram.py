@@ -180,8 +180,7 @@ class _Motions:
         for way in self.ways if self.chaos.all() else ():
             self.chaos &= np.isin(way.regimes, NO_CLASS)
         self.dots = list[Line2D]()
-        up, down = (style.dot_colour(look.colour) for look in style.DIRECTION_LOOKS[grey])
-        self.colours = up, down
+        self.colours = [style.dot_colour(look.colour) for look in style.DIRECTION_LOOKS[grey]]
         computed = int(has_result(line["status"].values).sum())
         self.dense = computed * line.sizes[ORDINATES[coordinate].dimension] > DENSITY_FROM
 

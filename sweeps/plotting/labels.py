@@ -151,7 +151,7 @@ def title(part: OpenedSweep, record: str | None = None) -> str:
         for name, parameter in seen.parameters.items()
         if not part[name].dims and float(part[name]) != usual[name]
     ]
-    if spec.followed is not None and DIRECTION not in part.data.dims:  # else it is in the legend
+    if spec.followed is not None and len(part.directions) < 2:  # else it is in the legend
         parts.append(followed(part))
     parts.append(record_text(part) if record is None else record)
     parts += method_text(spec)

@@ -180,9 +180,8 @@ class Looks(NamedTuple):
 
     def split(self, table: Sequence[AttractorRow]) -> tuple[list[AttractorRow], list[AttractorRow]]:
         """Return the attractors that have a look of their own, and the others."""
-        return [row for row in table if self.has_own(row)], [
-            row for row in table if not self.has_own(row)
-        ]
+        own = [row for row in table if self.has_own(row)]
+        return own, [row for row in table if not self.has_own(row)]
 
 
 def _further(

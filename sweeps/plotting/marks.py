@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -215,7 +215,7 @@ def _motions_differ(one: np.ndarray, other: np.ndarray, size: float) -> np.ndarr
 
 
 def draw_jumps(
-    panel: Axes, x: np.ndarray, up: np.ndarray, down: np.ndarray, colours: tuple[str, str]
+    panel: Axes, x: np.ndarray, up: np.ndarray, down: np.ndarray, colours: Sequence[str]
 ) -> list[Artist]:
     """Draw an arrow where the motion of a direction ends, to the one that it jumps to.
 

@@ -41,9 +41,10 @@ def markers(panel):
     return points, sizes
 
 
-def test_neither_direction_hides_the_other(dataset):
+@pytest.mark.parametrize("order", [["up", "down"], ["down", "up"]])
+def test_neither_direction_hides_the_other(dataset, order):
     """Free from the fold on and on the way down, with impacts on the way up (closed forms)."""
-    figure = bifurcation(dataset)
+    figure = bifurcation(dataset.sel(direction=order))
     points, sizes = markers(figure.axes[0])
     assert len(set(sizes.values())) == 1
     omega, both = dataset["omega"].values, points[BOTH_COLOUR]
@@ -88,6 +89,8 @@ def test_neither_direction_hides_the_other_below(dataset):
 @pytest.mark.parametrize("way", ["up", "down"])
 def test_one_direction_can_be_picked(dataset, way):
     figure = bifurcation(dataset, at={"direction": way, "h": 0.06}, coordinate="poincare_v")
+    alone = bifurcation(dataset.sel(direction=[way]), at={"h": 0.06}, coordinate="poincare_v")
+    assert alone.get_suptitle() == figure.get_suptitle()
     points, _ = markers(figure.axes[0])
     (drawn,) = points.values()
     expected = dataset["poincare_v"].sel(direction=way, h=0.06).values
