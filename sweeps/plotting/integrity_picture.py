@@ -106,9 +106,9 @@ def integrity(
     if profile:
         if line_result["integrity_factor"].isnull().all():
             raise Refused("there is nothing to draw: no start reaches an attractor")
-        table = attractor_rows(line, line_result)
+        table, ordered = attractor_rows(line, line_result), line_result.sortby(along)
         of_basins = regions.table if basins is not None else []
-        lines = _draw_profile(profile, line_result, along[0], table, looks)
+        lines = _draw_profile(profile, ordered, along[0], table, looks)
         labels.label_axis([*profile.values()][-1].xaxis, line[along[0]])
         if basins is None:
             page.set_limits(by_name[names[0]])

@@ -76,8 +76,10 @@ def test_measures_stay_in_their_panels_and_all_marks_are_named(dataset):
 )
 def test_the_legend_of_a_profile_names_what_is_within_the_limits(dataset, limits, classes):
     page = Page(grey=True, **limits)
-    figure = draw_integrity(dataset, panels=["fraction"], page=page)
+    joined = dataset.roll(clearance=1, roll_coords=True)  # as of two sweeps in any order
+    figure = draw_integrity(joined, panels=["fraction"], page=page)
     assert {*legend_texts(figure)} == classes
+    assert all((np.diff(line.get_xdata()) > 0.0).all() for line in figure.axes[0].lines)
 
 
 def test_discs_and_knocks_are_those_of_the_attractors_with_a_look(dataset, no_knocks, monkeypatch):
