@@ -54,7 +54,7 @@ _NEAR = 1e-6, 1e-9
 _NEAR_EDGE = 1e-3
 #: A degenerate flip is nearer than this to where the curve of folds leads.
 _NEAR_LIMIT = 0.05
-#: Impacts of a curve that are so many times faster than the force and the clearance alone make them
+#: Impacts of a path that are so many times faster than the force and the clearance alone make them
 #: may grow without bound.
 _FASTEST = 1e3
 
@@ -158,7 +158,7 @@ def _standstill(family: OrbitFamily, points: Sequence[np.ndarray], lost: bool | 
     missed = float(np.abs(calls.linearised(family.system, X)[0]).max())
     if not missed < NEARBY_DISTANCE or family.inadmissible(X)[0] is not None:
         return None
-    return "edge" if _place_in_ranges(family, X) == "edge" else "graze", X, family.orbit(X)
+    return _kind(family, X, "graze"), X, family.orbit(X)
 
 
 def _meeting_impacts(family: OrbitFamily, points: Sequence[np.ndarray]) -> End | None:
@@ -168,14 +168,14 @@ def _meeting_impacts(family: OrbitFamily, points: Sequence[np.ndarray]) -> End |
     if not (short.any() and error < _KNOWN):
         return None
     X = onto_edges(family, X, _KNOWN)
-    place = _place_in_ranges(family, X)
-    if place == "outside" or not cannot_leave(family, X):
+    kind = _kind(family, X, "rest")
+    if kind == "outside" or not cannot_leave(family, X):
         return None
     theta = np.maximum.accumulate(phases(X, family.q))  # apart, as equations where impacts meet
     phases(X, family.q)[:] = theta + _APART_BY * (phases(points[-1], family.q) - theta)
     v = speeds(X, family.q)
     v[v < GRAZES] = 0.0
-    return "edge" if place == "edge" else "rest", X, family.orbit(X)
+    return kind, X, family.orbit(X)
 
 
 def _corner(family: OrbitFamily, points: Sequence[np.ndarray]) -> End | None:
@@ -235,18 +235,18 @@ def _unbounded(family: OrbitFamily, points: Sequence[np.ndarray]) -> End | None:
     X = points[-1].copy()
     free(X, family.q)[:] = limit
     X = onto_edges(family, X)
-    osc, place = family.oscillator(X), _place_in_ranges(family, X)
-    if place == "outside" or osc.h > 0.0 or osc.R < 1.0:  # beyond it, damping or a loss bounds them
+    osc, kind = family.oscillator(X), _kind(family, X, "lost")
+    if kind == "outside" or osc.h > 0.0 or osc.R < 1.0:  # beyond it, damping or a loss bounds them
         return None
-    return "edge" if place == "edge" else "lost", X, family.orbit(X)
+    return kind, X, family.orbit(X)
 
 
-def _place_in_ranges(family: OrbitFamily, X: np.ndarray) -> str:
-    """Return whether a point is at an ``edge`` of the ranges, ``inside`` or ``outside`` them."""
+def _kind(family: OrbitFamily, X: np.ndarray, inside: str) -> str:
+    """Return the kind of an end `inside` the ranges, ``edge`` at theirs, or ``outside`` of them."""
     values = list(zip(family.parameters, family.kept(X).tolist(), strict=True))
     if not all(axis.holds(value) for axis, value in values):
         return "outside"
-    return "edge" if any(value in (axis.low, axis.high) for axis, value in values) else "inside"
+    return "edge" if any(value in (axis.low, axis.high) for axis, value in values) else inside
 
 
 def _limit(
@@ -255,7 +255,7 @@ def _limit(
     below: float,
     value: Callable[[np.ndarray], np.ndarray] = np.copy,
 ) -> tuple[np.ndarray, float]:
-    """Return the limit of values at points of a curve as a place vanishes, and its error.
+    """Return the limit of values at points of a path as a place vanishes, and its error.
 
     It is that of the polynomial through some of the last values that changes least by one value
     more. The nearest values are less accurate. The error is infinite if the last place is not below

@@ -278,6 +278,7 @@ def one_way(family: OrbitFamily, X: np.ndarray, tangent: np.ndarray) -> Path:
         elif step.last:
             end = ending(step)
             lost, at_edge = end[0] == "lost", end[0] == "edge" and end[1] is step.end.X
+            # An edge that is reached is the end; any other is only where the last step led.
             beyond = None if at_edge else singular_end(family, [X for X, _ in path.points], lost)
             if beyond is None and not lost and step.inadmissible is not None:
                 path.points.pop()

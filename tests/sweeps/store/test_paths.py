@@ -216,7 +216,7 @@ def test_files_that_are_not_ours_are_refused(tmp_path):
     fill_blocks("out.h5")
     with open_sweep("out.h5") as ds:
         ds.to_netcdf("copy.h5", engine="h5netcdf")
-    with pytest.raises(StoreError, match="copy.h5 is .*, but not one that vibroimpact wrote"):
+    with pytest.raises(StoreError, match=r"copy\.h5 is .*, but not one that vibroimpact wrote"):
         open_sweep("copy.h5")
 
 
