@@ -133,8 +133,8 @@ def _extended(
         record = compute_points(spec.part(0, _CLASS_PERIODS, 0, False), state, None)
         rests += _rests_of(record["rest_fraction"], record["chatters"])
         share = np.maximum(before["rest_fraction"], record["rest_fraction"])
-        whole = {"rest_fraction": share, "status": np.maximum(worst, record["status"])}
-        reached = motions_from(bare, state, before | record | whole)
+        of_both = {"rest_fraction": share, "status": np.maximum(worst, record["status"])}
+        reached = motions_from(bare, state, before | record | of_both)
         put_last(state, record, spec.phase)
         parts.append((reached, state, rests))
     reached, state, rests = map(np.concatenate, zip(*parts, strict=True))

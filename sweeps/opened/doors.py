@@ -146,8 +146,8 @@ def _opened(dataset: object) -> OpenedSweep:
     dataset = dataset.assign({name: v.astype(float) for name, v in floats if v.dtype != float})
     if DIRECTION in dataset.dims and dataset[DIRECTION][0] == "down":  # sorted by name
         dataset = dataset.isel({DIRECTION: slice(None, None, -1)})
-    whole = {name: each.astype(VARIABLES[name].dtype) for name, each in _integers(dataset)}
-    ordered = dataset.assign(whole).transpose(*dataset["status"].dims, ...)
+    integers = {name: each.astype(VARIABLES[name].dtype) for name, each in _integers(dataset)}
+    ordered = dataset.assign(integers).transpose(*dataset["status"].dims, ...)
     for called, variable in ordered.variables.items():  # pandas keeps no attributes
         variable.attrs = attributes_of(str(called), ordered.attrs) | variable.attrs
     return OpenedSweep(ordered)
@@ -189,9 +189,9 @@ def _result_problems(dataset: xr.Dataset) -> Iterator[str]:
             yield f"has {name} without its dimensions {', '.join(sorted(expected))}"
         if name in dataset and dataset[name].dtype.kind not in "fiu":
             yield f"has no numbers in {name}"
-    for name, whole in _integers(dataset):
-        fits = whole.isin([*FLAGS[name]]) if name in FLAGS else whole % 1.0 == 0.0
-        if not (fits & (abs(whole) < 2.0**53)).all():
+    for name, numbers in _integers(dataset):
+        fits = numbers.isin([*FLAGS[name]]) if name in FLAGS else numbers % 1.0 == 0.0
+        if not (fits & (abs(numbers) < 2.0**53)).all():
             yield f"has numbers in {name} that are no integers of a sweep"
 
 

@@ -1,4 +1,4 @@
-"""Names the files of a sweep; tells their `Content`, their owner, the room on the disk.
+"""Names the files of a sweep; tells their `Content` and owner, the room on the disk.
 
 While a sweep runs, it has a folder for its blocks, ``OUT.h5.parts``, and a lock, ``OUT.h5.lock``.
 """
