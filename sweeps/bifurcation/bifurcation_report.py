@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import pairwise
 from pathlib import Path
@@ -12,7 +13,7 @@ import numpy as np
 from sweeps.opened.opened_sweep import START_AXES, OpenedSweep
 from sweeps.store.variables import DIRECTION
 from sweeps.text import command, fewest_digits, shown_count, shown_range, table
-from vibroimpact.points.regimes import Label, chaos_hint
+from vibroimpact.points.regimes import RESTING, Label, chaos_hint
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -95,8 +96,7 @@ def _narrowing(file: Path, changes: pd.DataFrame) -> str:
 
 
 def _meanings(changes: pd.DataFrame) -> list[str]:
-    kinds = set(changes["kind"])
-    return [f"{kind}: {text}" for kind, text in _MEANINGS.items() if kind in kinds]
+    return [f"{kind}: {text}" for kind, text in _MEANINGS.items() if kind in {*changes["kind"]}]
 
 
 def _is_summary(changes: pd.DataFrame) -> bool:
@@ -135,9 +135,12 @@ def _label(value: float | str) -> str:
 
 
 def _summary(changes: pd.DataFrame) -> str:
-    """Write a row for each kind and pair of classes, the most frequent first."""
+    """Write a row for each kind and pair of classes, rests without periods, most frequent first."""
     others = changes.attrs["others"]
-    pairs = [_pair(item) for item in changes.to_dict("records")]
+    pairs = [
+        re.sub(rf"{RESTING},.*? periods?", RESTING, _pair(item))
+        for item in changes.to_dict("records")
+    ]
     groups = list(changes.assign(pair=pairs).groupby(["kind", "pair"], sort=False))
     rows = [
         [

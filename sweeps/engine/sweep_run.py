@@ -8,8 +8,9 @@ import sys
 import threading
 import time
 import warnings
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import AbstractContextManager, closing, contextmanager, suppress
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -24,7 +25,7 @@ from sweeps.engine.cluster import ClusterComputer, is_client
 from sweeps.engine.estimate import COMPILING_MEMORY, available_memory, expected_cost
 from sweeps.engine.executors import LocalComputer
 from sweeps.errors import Refused
-from sweeps.grid import Block, block_points
+from sweeps.grid import block_points
 from sweeps.interrupts import check, raised_by_check
 from sweeps.reports import plan
 from sweeps.store.schema import Schema, refuse_columns
@@ -135,10 +136,12 @@ def run_sweep(
         if pending is None:
             console.print(printable(f"{path} is complete: nothing was left to do"))
             return path
+        left = sum(map(block_points, pending))
+        cost = replace(cost, seconds=cost.seconds * left / config.sweep.size)
         console.print(printable(plan(config, path, cost)))
         if writer.damaged:
             console.print(f"damaged blocks, which are computed again: {writer.damaged}")
-        with _progress(config, pending, computer, console) as advance:
+        with _progress(config, left, computer, console) as advance:
             with closing(computer.computed(config.sweep, pending, advance)) as computed:
                 for block, results in computed:
                     check()
@@ -149,10 +152,7 @@ def run_sweep(
 
 @contextmanager
 def _progress(
-    config: SweepConfig,
-    pending: Iterable[Block],
-    computer: LocalComputer | ClusterComputer,
-    console: Console,
+    config: SweepConfig, left: int, computer: LocalComputer | ClusterComputer, console: Console
 ) -> Iterator[Callable[[int], None]]:
     """Show points done, forcing periods per second if known, time left; yield what advances."""
     periods = config.sweep.known_periods
@@ -168,9 +168,8 @@ def _progress(
         console=console,
         disable=console.quiet,
     ) as bar:
-        size = config.sweep.size
-        there = size - sum(map(block_points, pending))
-        task = bar.add_task(name + computer.described(), total=size, completed=there, speed="")
+        text, size = name + computer.described(), config.sweep.size
+        task = bar.add_task(text, total=size, completed=size - left, speed="")
 
         def advance(points: int) -> None:
             nonlocal computed

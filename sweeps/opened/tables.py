@@ -76,9 +76,9 @@ def refuse_points(columns: Collection[str], path: Path | None) -> None:
     if not columns or path is None or not path.is_file():
         return
     names = set[str]()
-    with path.open(encoding="utf-8-sig", errors="replace", newline="") as file:
-        with suppress(ValueError):  # of no table of points
-            names = {*header_of(file)}
+    file = path.open(encoding="utf-8-sig", errors="replace", newline="")
+    with file, suppress(ValueError):  # of no table of points
+        names = {*header_of(file)}
     if names and names <= {*columns}:
         raise Refused(
             f"{path} is a table of points like that of the sweep, and is not replaced; give the "
@@ -104,8 +104,7 @@ def write_rows(sweep: OpenedSweep, path: Path, rows: str) -> int:
     Lyapunov exponents as ``lyapunov_1`` and ``lyapunov_2``, words for ``status`` and
     ``class_evidence``. The row of a section or an impact has the axes, or the columns of a table,
     its number and its values; what was not recorded has no row. All digits are kept, so that
-    reading the file gives the same numbers; NaN is an empty field. The file is replaced only when
-    the table is complete.
+    reading the file gives the same numbers; NaN is an empty field.
     """
     refuse_points(sweep.whole.columns, path)
     data = _scalars(sweep) if ROWS[rows] is None else _records(sweep, rows)
@@ -116,23 +115,17 @@ def write_rows(sweep: OpenedSweep, path: Path, rows: str) -> int:
 
 def _records(sweep: OpenedSweep, rows: str) -> xr.Dataset:
     """Return the results at sections or impacts; refuse a file that has none."""
-    names = [
-        name
-        for name, variable in VARIABLES.items()
-        if variable.dimension == ROWS[rows] and name in sweep
-    ]
+    held = filter(sweep.__contains__, VARIABLES)
+    names = [name for name in held if VARIABLES[name].dimension == ROWS[rows]]
     if not names:
         raise Refused(f"the file has no {rows}: run the sweep again with record.{rows}")
     return sweep.data[["status", *names]]
 
 
 def _scalars(sweep: OpenedSweep) -> xr.Dataset:
-    """Return the class, the results with a single number per point, and each Lyapunov exponent.
-
-    A column of a table with the name ``class`` takes the place of the class.
-    """
+    """Return the class, all results of a single number per point, and each Lyapunov exponent."""
     columns = {}
-    if "class" not in sweep.columns:
+    if "class" not in sweep.columns:  # of a table
         classes = ["?" if label is None else str(label) for label in sweep.labels]
         columns["class"] = sweep["status"].copy(data=np.reshape(classes, sweep["status"].shape))
     for name in filter(sweep.__contains__, VARIABLES):

@@ -100,9 +100,8 @@ def content(path: Path) -> Content | None:
     if not head:
         return Content.NOTHING
     hdf5 = head.startswith(_HDF5)
-    if TRAILER[:-2] in tail:  # of any version
-        return Content.SWEEP
-    if hdf5 and FORMAT.encode() in head and b"_NCProperties" not in head + tail:  # as of xarray
+    copied = b"_NCProperties" in head + tail  # by xarray
+    if TRAILER[:-2] in tail or (hdf5 and FORMAT.encode() in head and not copied):  # of any version
         return Content.SWEEP
     return Content.HDF5 if hdf5 else Content.OTHER
 

@@ -245,6 +245,13 @@ def test_a_map_is_summed_up_and_its_lines_are_listed(sweep):
     assert row.split()[:2] == ["2.65888454668", "flip"]
 
 
+def test_rests_of_many_periods_are_summed_up_together(sweep):
+    chaos = "h: 0.05, R: 0.35, f: 1, clearance: -0.2, omega: {start: 5.4, stop: 5.6, num: 110}"
+    said = accepted("info", sweep(chaos, "start: {x0: -0.2}"), "--bifurcations")
+    (row,) = (line for line in said.splitlines() if " rest -> rest " in line)
+    assert int(row.split()[4]) > 12 and " periods -> rest" not in said
+
+
 def test_beside_a_flip_what_has_not_settled_is_in_the_bracket(sweep):
     """There a record alternates by less than the tolerance, and less and less."""
     axis = "{start: 2.655, stop: 2.664, num: 46}"

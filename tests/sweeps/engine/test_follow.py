@@ -11,12 +11,14 @@ import xarray as xr
 
 from sweeps import load_config, open_sweep, run_sweep
 from sweeps.engine import estimate as limits
-from sweeps.engine import executors
+from sweeps.engine import executors, sweep_run
 from sweeps.engine.estimate import block_size, expected_cost
 from sweeps.engine.executors import compute, compute_block
 from sweeps.errors import ConfigError, Failed, StoreError
+from sweeps.grid import Cost
 from sweeps.interrupts import this_thread
 from sweeps.store.writer import SweepWriter
+from sweeps.text import shown_duration
 from tests.helpers.commands import call
 from tests.helpers.configurations import load
 from tests.helpers.interruptions import wait_until
@@ -263,7 +265,7 @@ def test_only_the_way_up_reaches_the_closed_form_branch_beyond_the_graze(hystere
     np.testing.assert_allclose(free, np.broadcast_to(2 * 0.05 * w / D, free.T.shape).T, atol=1e-9)
 
 
-def test_an_interrupted_run_goes_on_to_the_same_data(stop_after):
+def test_an_interrupted_run_goes_on_to_the_same_data(stop_after, monkeypatch, capsys):
     """Whatever the blocks, the threads and the compression are."""
     expected, config = run_and_read(configured()), configured("compression=gzip")
     with stop_after(2, size=5), pytest.raises(KeyboardInterrupt):
@@ -272,7 +274,9 @@ def test_an_interrupted_run_goes_on_to_the_same_data(stop_after):
         missing = (dataset["status"] == Status.PENDING).values
         assert missing.sum() == 4 * 2 * 5  # chains, directions, points
         assert (missing == missing[:1, :, :1]).all()  # no partial chain
-    run_sweep(config, "stopped.h5", resume=True, threads=1)
+    monkeypatch.setattr(sweep_run, "expected_cost", lambda *_: Cost(840.0, 100, 100, 5))
+    run_sweep(config, "stopped.h5", resume=True, threads=1, progress=True)
+    assert f"about {shown_duration(840.0 * missing.mean())}\n" in capsys.readouterr().err
     xr.testing.assert_identical(data("stopped.h5"), expected)
     with xr.open_dataset("stopped.h5", engine="h5netcdf") as dataset:  # as in another program
         assert dataset["direction"].values.tolist() == ["up", "down"]
