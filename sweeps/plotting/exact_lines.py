@@ -16,7 +16,7 @@ from matplotlib.transforms import Bbox
 
 from sweeps.opened.opened_sweep import OpenedSweep
 from sweeps.plotting import canvas
-from sweeps.plotting.pixels import figure_of, in_panel, runs
+from sweeps.plotting.pixels import figure_of, in_panel, in_view, runs
 from sweeps.plotting.style import CLASSES, STABLE, UNSTABLE, VERMILION, ground, ink
 from sweeps.text import shown_count
 from vibroimpact.points.regimes import Regime
@@ -299,7 +299,7 @@ def _share_of(panel: Axes, lines: Sequence[np.ndarray], width: float) -> float:
 def _mark_special(
     panel: Axes, curves: xr.Dataset, cut: OpenedSweep, strong: Sequence[_Piece]
 ) -> dict[Artist, float]:
-    """Mark cusps and meetings on strong pieces; return a handle, which covers next to nothing."""
+    """Mark cusps and meetings on strong pieces; return a handle, and the share that they cover."""
     marked = curves.isel(point=np.isin(curves["special"].values, ["cusp", "degenerate", "flip"]))
     special = _on_axes(marked, cut)
     if not len(special) or not strong:
@@ -311,4 +311,6 @@ def _mark_special(
         return {}
     (marks,) = panel.plot(*near.T, "D", color=ink(), label="cusp or meeting")
     marks.set(markersize=2.5, markerfacecolor=ground(), markeredgewidth=0.6, zorder=5)
-    return {marks: 0.0}
+    size = (marks.get_markersize() + marks.get_markeredgewidth()) * figure_of(panel).dpi / 72.0
+    box = panel.get_window_extent()
+    return {marks: size**2 * in_view(panel, *near.T).sum() / (box.width * box.height)}
