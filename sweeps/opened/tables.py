@@ -125,7 +125,7 @@ def _records(sweep: OpenedSweep, rows: str) -> xr.Dataset:
 def _scalars(sweep: OpenedSweep) -> xr.Dataset:
     """Return the class, all results of a single number per point, and each Lyapunov exponent."""
     columns = {}
-    if "class" not in sweep.columns:  # of a table
+    if "period" in sweep and "class" not in sweep.columns:  # of a table
         classes = ["?" if label is None else str(label) for label in sweep.labels]
         columns["class"] = sweep["status"].copy(data=np.reshape(classes, sweep["status"].shape))
     for name in filter(sweep.__contains__, VARIABLES):

@@ -325,6 +325,8 @@ def test_how_many_motions_go_where_is_told(monkeypatch):
     monkeypatch.setattr(executors, "compute_block", compute)
     bare = accepted("run", "sweep.yaml", "--overwrite", "--set", "record.diagnostics=[]")
     assert "class" not in bare + accepted("info", "small.h5").replace("class_", "")
+    accepted("export", "small.h5", "-o", "small.csv")
+    assert "class" not in Path("small.csv").read_text()
     printed = accepted("run", ROOT / "configs/paper-dissipative-reduced-step.yaml", "-o", "a.h5")
     assert printed.splitlines()[1] == "the motion: unknown, without a repetition in the record"
     assert "unknown, without a repetition in the record" in accepted("info", "a.h5")
