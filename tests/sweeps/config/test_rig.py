@@ -7,6 +7,7 @@ import pytest
 import yaml
 
 from sweeps.config.values import Range
+from sweeps.errors import ConfigError
 from tests.helpers.configurations import linear_values, load, refusal
 from tests.helpers.rigs import FREQUENCY, VALUES, points_of, rig
 from vibroimpact import Oscillator
@@ -97,12 +98,14 @@ def test_one_number_of_a_range_of_a_rig_is_replaced():
     grid = config.sweep.grid
     assert grid.axes["omega"].tolist() == (2.0 * math.pi * linear_values(2, 12, 500)).tolist()
     assert grid.fixed["R"] == 0.5
+    with pytest.raises(ConfigError, match=r"^override oscillator\.R=0\.5: .*: one of them, as rig"):
+        load(rig(), "oscillator.R=0.5")
 
 
 @pytest.mark.parametrize(
     ("text", "line", "parts"),
     [
-        (rig() + "oscillator: {h: 1}\n", 1, ["rig: conflicts with oscillator; expected: one of"]),
+        (rig() + "oscillator: {h: 1}\n", 2, ["oscillator: conflicts with rig; expected: one"]),
         (rig(mass="-2"), 1, ["rig.mass = -2 is not allowed; expected: mass [kg]: ", "> 0"]),
         (rig(mass="{start: 1, stop: 2, num: 3}"), 1, ["rig.mass = {start: 1", "not a number",
                                                       "the same all over the sweep"]),
