@@ -83,15 +83,18 @@ def prefix_of(variable: xr.DataArray, size: float, written: str | None = None) -
     """
     own = variable.attrs.get("units")
     if own in _PREFIXED:
-        for unit in re.findall(
-            r"[\[(]\s*([^\s\])]+)\s*[\])]", (written or "").replace(_MU, _MICRO)
-        ):
+        for unit in re.findall(r"[\[(]\s*([^\s\])]+)\s*[\])]", _plain(written or "")):
             if unit in units_of(variable):
                 return unit.removesuffix(own), units_of(variable)[unit]
         for least, prefix, factor in _PREFIXES:
             if least <= abs(size) < 1000.0 * least:
                 return prefix, factor
     return "", 1.0
+
+
+def _plain(written: str) -> str:
+    """Return a label with its units as they are known, without mathtext."""
+    return written.replace(r"\mu", _MICRO).replace(_MU, _MICRO).replace("$", "").replace("²", "^2")
 
 
 def units_of(variable: xr.DataArray) -> dict[str, float]:
@@ -240,7 +243,7 @@ def check_units(axis: Axis, typed: str, text: str, allow_unnamed: bool) -> None:
     """Refuse a text with a unit in brackets that is not one of the ticks, if these have one."""
     formatter = axis.get_major_formatter()
     known = [*units_of(formatter.variable)] if isinstance(formatter, _Prefixed) else []
-    for unit in re.findall(r"\[\s*(.*?)\s*\]", text.replace(_MU, _MICRO).replace("$", "")):
+    for unit in re.findall(r"\[\s*(.*?)\s*\]", _plain(text)):
         if unit not in known and (known or not allow_unnamed):
             allowed = f"{' or '.join(known) or 'no unit'}{suggestion(near_misses(unit, known))}"
             raise Refused(f"{typed} in {unit} is not allowed; expected: {allowed}")

@@ -194,7 +194,14 @@ def test_a_map_and_a_table_have_them_too(table):
 
 @pytest.mark.parametrize(
     ("text", "factor"),
-    [("no unit", 1e3), ("x [m]", 1.0), ("x (mm)", 1e3), ("x [\N{MICRO SIGN}m]", 1e6), ("(s)", 1e3)],
+    [
+        ("no unit", 1e3),
+        ("x [m]", 1.0),
+        ("x (mm)", 1e3),
+        ("x [\N{MICRO SIGN}m]", 1e6),
+        (r"x [$\mu$m]", 1e6),
+        ("(s)", 1e3),
+    ],
 )
 def test_a_unit_in_a_label_is_that_of_ticks_and_overlay(rig, text, factor, with_layout):
     over = {"frequency": [25.0], "poincare_x": [factor * 1e-4]}
