@@ -137,10 +137,8 @@ def _label(value: float | str) -> str:
 def _summary(changes: pd.DataFrame) -> str:
     """Write a row for each kind and pair of classes, rests without periods, most frequent first."""
     others = changes.attrs["others"]
-    pairs = [
-        re.sub(rf"{RESTING},.*? periods?", RESTING, _pair(item))
-        for item in changes.to_dict("records")
-    ]
+    records = changes.to_dict("records")
+    pairs = [re.sub(rf"{RESTING},.*? periods?", RESTING, _pair(item)) for item in records]
     groups = list(changes.assign(pair=pairs).groupby(["kind", "pair"], sort=False))
     rows = [
         [

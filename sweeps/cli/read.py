@@ -212,7 +212,7 @@ def export_command(
     ),
     at: list[str] = common.CUT_AT,
 ) -> None:
-    """Write a row for every point, with its single-number results, or every section or impact."""
+    """Write a row for every point, with its class and numbers, or every section or impact."""
     from sweeps.opened.tables import ROWS, write_rows
 
     if rows not in ROWS:

@@ -126,7 +126,7 @@ def _scalars(sweep: OpenedSweep) -> xr.Dataset:
     """Return the class, all results of a single number per point, and each Lyapunov exponent."""
     columns = {}
     if "period" in sweep and "class" not in sweep.columns:  # of a table
-        classes = ["?" if label is None else str(label) for label in sweep.labels]
+        classes = [str(label or "?") for label in sweep.labels]
         columns["class"] = sweep["status"].copy(data=np.reshape(classes, sweep["status"].shape))
     for name in filter(sweep.__contains__, VARIABLES):
         if VARIABLES[name].dimension is None:
