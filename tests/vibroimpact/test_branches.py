@@ -152,9 +152,10 @@ def test_a_branch_without_an_end_is_lost():
     assert found.speeds[0] > 500.0 and len(found.values) < 200
 
 
-def test_speeds_without_bound_are_no_folds():
+@pytest.mark.parametrize(("h", "R"), [(0.0, 1.0), (1e-9, 1.0), (0.0, 1.0 - 1e-9)])
+def test_speeds_without_bound_are_no_folds(h, R):
     """The orbits of 1/2 that begin at a graze end at omega = p, where both multipliers are 1."""
-    start = one_impact_orbit(Oscillator(h=0.0, R=1.0, omega=1.4142257405942802, f=1.0))
+    start = one_impact_orbit(Oscillator(h=h, R=R, omega=1.4142257405942802, f=1.0))
     graze = branch(start, "omega", 0.5, 1.9).special[0]
     found = grazing_branch(graze.orbit, "omega", 0.5, 1.9)
     assert (found.m, found.q) == (1, 2)

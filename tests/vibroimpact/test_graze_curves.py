@@ -12,7 +12,7 @@ from tests.helpers.oscillators import TAU, peak, settled_orbit
 from vibroimpact.orbits.branches import branch, doubled_branch, grazing_branch
 from vibroimpact.orbits.curves import bifurcation_curve
 from vibroimpact.orbits.family import OrbitFamily
-from vibroimpact.orbits.one_impact import one_impact_orbit
+from vibroimpact.orbits.one_impact import one_impact_orbit, one_impact_orbits
 from vibroimpact.orbits.orbit import PeriodicOrbit
 from vibroimpact.orbits.periodic import OrbitError, periodic_orbit, solved
 from vibroimpact.oscillator import Oscillator
@@ -260,14 +260,22 @@ def test_of_two_touches_that_are_as_high_a_branch_ends_at_the_first():
     assert graze.orbit.phases == pytest.approx([4.2715294, 5.1532486, 6.8479183], abs=1e-6)
 
 
-def test_at_a_graze_of_any_natural_vibration_no_branch_and_no_curve_begins():
+@pytest.mark.parametrize(
+    ("osc", "ends"),
+    [
+        (Oscillator(h=0.0, R=0.8, omega=4.2, f=1.0, clearance=1.0), (3.0, 4.3)),
+        (Oscillator(h=0.0, R=0.3905421531735368, omega=4.572512421159307, f=705.944676257835,
+                    clearance=555.0104551298633), (3.6580099369274457, 5.4870149053911685)),
+    ],
+)  # fmt: skip
+def test_at_a_graze_of_any_natural_vibration_no_branch_and_no_curve_begins(osc, ends):
     """At h = 0 and omega = 4 p the orbits of 4/1 vanish, and vibrations of any phase touch.
 
-    Whether a point of a branch was found beside it was decided by rounding.
+    Whether a point of a branch was found beside it was decided by rounding. In the second case the
+    tangent has no digits there, and only the chord of the last step leads to the speed zero.
     """
-    osc = Oscillator(h=0.0, R=0.8, omega=4.2, f=1.0, clearance=1.0)
-    (end,) = [p for p in branch(one_impact_orbit(osc, 4), "omega", 3.0, 4.3).special
-              if p.kind == "graze"]  # fmt: skip
+    first = branch(one_impact_orbits(osc, 4)[0], "omega", *ends)
+    end, *_ = (point for point in first.special if point.kind == "graze")
     with pytest.raises(OrbitError, match=r"not isolated.* 4 forcing periods at omega = 4"):
         grazing_branch(end.orbit, "omega", 3.0, 4.3)
     for second in (("p", 0.8, 1.2), ("R", 0.5, 1.0), ("clearance", 0.5, 1.5)):

@@ -145,3 +145,15 @@ def test_of_a_long_path_only_the_end_is_asked_where_it_leads():
     limit, error = singular_ends._limit(path, place, 0.1)
     assert limit == pytest.approx([0.1, 0.0], abs=1e-9) and error < 1e-9
     assert len(asked) < 200
+
+
+def test_undamped_folds_reach_the_edge_without_restitution():
+    """Their last orbit grazes there, so that by rounding it is none: they ended at R = 1e-8."""
+    osc = Oscillator(
+        h=0.0, R=0.33630060467398976, omega=0.6672629512951769, f=1.0, clearance=1.1183322337971733
+    )
+    phases, speeds = [0.09907549419791817, 3.754611337525312], [0.185264376789, 2.704817318761]
+    start = PeriodicOrbit(osc, 1, np.array(phases), np.array(speeds))
+    found = bifurcation_curve(start, "fold", ("R", 0.0, 1.0), ("f", 0.5, 1.5))
+    assert [point.kind for point in found.special] == ["edge", "edge"]
+    assert found.special[0].value[0] == 0.0

@@ -135,15 +135,11 @@ def _trial(
 
 
 def _returns(step: ArclengthStep, start: Point) -> bool:
-    """Whether a step passes the point where the path began, in the same direction."""
-    family, place = step.family, step.place(start.X)
-    along = step.begin.tangent
-    if not (0.0 <= place <= 1.0 and family.inner(along, start.tangent) > 0.5):
+    """Whether a step passes the point where the path began."""
+    family, place, along = step.family, step.place(start.X), step.begin.tangent
+    if not 0.0 <= place <= 1.0:
         return False
-    X = step.begin.X + place * step.length * along
-    if not family.distance(X, start.X) < step.length:
-        return False
-    Y = family.corrected(X, along[None, :])
+    Y = family.corrected(step.begin.X + place * step.length * along, along[None, :])
     return Y is not None and family.distance(Y, start.X) < _FINE_STEP
 
 
@@ -335,14 +331,11 @@ def _without_speed(step: ArclengthStep) -> np.ndarray:
     omega = n p. The tangent may have no digits there, but the chord of the last step has.
     """
     X, q = step.end.X, step.family.q
-    slowest = int(np.argmin(speeds(X, q)))
-    speed = speeds(X, q)[slowest]
-    for along in (step.end.tangent, (X - step.begin.X) / (step.length or 1.0)):
-        slope = speeds(along, q)[slowest]
-        if -speed / NEARBY_DISTANCE > slope:  # it becomes slower
-            X = X - speed / slope * along
-            speeds(X, q)[slowest] = 0.0
-            break
+    slowest, chord = int(np.argmin(speeds(X, q))), X - step.begin.X
+    speed, change = speeds(X, q)[slowest], speeds(chord, q)[slowest]
+    if -speed * step.length / NEARBY_DISTANCE > change:  # it becomes slower
+        X = X - speed / change * chord
+        speeds(X, q)[slowest] = 0.0
     return X
 
 

@@ -6,10 +6,10 @@ Bifurcation Theory*, sec. 9.3): the orbits of twice the period then neither begi
 curve of flips nor on the other. The equations of the folds are singular there, and so are those of
 a curve on which all impacts lose their speed at once: it ends in an orbit that touches the stop
 without speed, as without damping where omega is a fraction of p. Impacts may also meet there in a
-rest, without speed and acceleration, or at R = 0. Where no energy is lost, h = 0 and R = 1, the
-speeds of a path may grow without bound, and curves may lead to a corner of their ranges: there the
-force vanishes. A curve of grazes ends where the other half grazes, too: without its touch the orbit
-is twice its half there, at a flip.
+rest, without speed and acceleration, or at R = 0. Where hardly any energy is lost, the speeds of a
+path may grow without bound, and curves may lead to a corner of their ranges: there the force
+vanishes. A curve of grazes ends where the other half grazes, too: without its touch the orbit is
+twice its half there, at a flip.
 """
 
 from __future__ import annotations
@@ -22,6 +22,7 @@ import numpy as np
 
 from vibroimpact.orbits import calls
 from vibroimpact.orbits.continuation import GRAZES, End, cannot_leave, onto_edges
+from vibroimpact.orbits.corrector import determinant
 from vibroimpact.orbits.family import NEARBY_DISTANCE, ContinuationParameter, OrbitFamily
 from vibroimpact.orbits.normal_form import cubic_coefficient
 from vibroimpact.orbits.orbit import PeriodicOrbit
@@ -76,8 +77,8 @@ def singular_end(
 def _degenerate_flip(family: OrbitFamily, points: Sequence[np.ndarray], lost: bool) -> End | None:
     """Return how a curve of folds ends beyond some points, where, and the orbit; None if not near.
 
-    It ends in a ``flip`` of the half, or at an ``edge`` just before it if it is `lost` there. The
-    mean of the halves is a smooth function of the square of their difference: its limit is near.
+    It ends in a ``flip`` of the half. The mean of the halves is a smooth function of the square of
+    their difference: its limit is near.
     """
     if family.kind != "fold" or family.m % 2 or family.q % 2:
         return None
@@ -96,17 +97,9 @@ def _degenerate_flip(family: OrbitFamily, points: Sequence[np.ndarray], lost: bo
     if not (error < NEARBY_DISTANCE and abs(place) < _NEAR_LIMIT):
         return None
     Y = _along(halves, guess, place)
-    reason, _ = halves.inadmissible(Y)
-    if reason is None:
-        return "flip", doubling(halves, Y)[0], halves.orbit(Y)
-    if not (lost and reason.kind == "edge"):
+    if halves.inadmissible(Y)[0] is not None:
         return None
-    chord = doubling(halves, Y)[0] - points[-1]
-    inside, edge = free(points[-1], family.q)[reason.at], reason.where / family.spans[reason.at]
-    X, axis = points[-1] + (edge - inside) / free(chord, family.q)[reason.at] * chord, 0.0 * chord
-    free(X, family.q)[reason.at], free(axis, family.q)[reason.at] = edge, 1.0
-    X = family.corrected(X, np.array([axis, chord]))
-    return None if X is None else ("edge", X, family.orbit(X))
+    return "flip", doubling(halves, Y)[0], halves.orbit(Y)
 
 
 def starts_degenerate(orbit: PeriodicOrbit, axes: Sequence[ContinuationParameter]) -> bool:
@@ -155,10 +148,9 @@ def _standstill(family: OrbitFamily, points: Sequence[np.ndarray], lost: bool | 
         return None
     X = onto_edges(family, X, _KNOWN)
     speeds(X, family.q)[:] = 0.0
-    missed = float(np.abs(calls.linearised(family.system, X)[0]).max())
-    if not missed < NEARBY_DISTANCE or family.inadmissible(X)[0] is not None:
+    if family.inadmissible(X)[0] is not None:
         return None
-    return _kind(family, X, "graze"), X, family.orbit(X)
+    return _end_in_ranges(family, X, "graze")
 
 
 def _meeting_impacts(family: OrbitFamily, points: Sequence[np.ndarray]) -> End | None:
@@ -168,14 +160,13 @@ def _meeting_impacts(family: OrbitFamily, points: Sequence[np.ndarray]) -> End |
     if not (short.any() and error < _KNOWN):
         return None
     X = onto_edges(family, X, _KNOWN)
-    kind = _kind(family, X, "rest")
-    if kind == "outside" or not cannot_leave(family, X):
+    if not cannot_leave(family, X):
         return None
     theta = np.maximum.accumulate(phases(X, family.q))  # apart, as equations where impacts meet
     phases(X, family.q)[:] = theta + _APART_BY * (phases(points[-1], family.q) - theta)
     v = speeds(X, family.q)
     v[v < GRAZES] = 0.0
-    return kind, X, family.orbit(X)
+    return _end_in_ranges(family, X, "rest")
 
 
 def _corner(family: OrbitFamily, points: Sequence[np.ndarray]) -> End | None:
@@ -235,18 +226,19 @@ def _unbounded(family: OrbitFamily, points: Sequence[np.ndarray]) -> End | None:
     X = points[-1].copy()
     free(X, family.q)[:] = limit
     X = onto_edges(family, X)
-    osc, kind = family.oscillator(X), _kind(family, X, "lost")
-    if kind == "outside" or osc.h > 0.0 or osc.R < 1.0:  # beyond it, damping or a loss bounds them
+    pt = calls.parameters(family.system, X)
+    if determinant.py_func(pt, family.m, family.q) < 1.0 - _KNOWN:  # damping or a loss bounds them
         return None
-    return kind, X, family.orbit(X)
+    return _end_in_ranges(family, X, "lost")
 
 
-def _kind(family: OrbitFamily, X: np.ndarray, inside: str) -> str:
-    """Return the kind of an end `inside` the ranges, ``edge`` at theirs, or ``outside`` of them."""
+def _end_in_ranges(family: OrbitFamily, X: np.ndarray, kind: str) -> End | None:
+    """Return the end at a point: an ``edge`` of the ranges, or of a kind; None outside them."""
     values = list(zip(family.parameters, family.kept(X).tolist(), strict=True))
     if not all(axis.holds(value) for axis, value in values):
-        return "outside"
-    return "edge" if any(value in (axis.low, axis.high) for axis, value in values) else inside
+        return None
+    at_edge = any(value in (axis.low, axis.high) for axis, value in values)
+    return "edge" if at_edge else kind, X, family.orbit(X)
 
 
 def _limit(

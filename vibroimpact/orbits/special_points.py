@@ -57,9 +57,9 @@ class SpecialPoint(NamedTuple):
         unit), or a flight touches the stop; ``penetration``: a flight crosses the stop, and no
         touch is found; ``rest``: the mass cannot leave the stop; ``edge`` of a range, also where
         the speeds of a curve become infinite there; and ``lost``: Newton's method fails, the path
-        is too long, or, without damping and loss, its speeds become infinite. Where the equations
-        of a curve are singular, at a degenerate flip, where several impacts graze together or meet,
-        and where the force vanishes, its end is right to 1e-6 of the ranges.
+        is too long, or, with hardly any damping and loss, its speeds become infinite. Where the
+        equations of a curve are singular, at a degenerate flip, where several impacts graze
+        together or meet, and where the force vanishes, its end is right to 1e-6 of the ranges.
     value : float, or ndarray of shape (2,)
         Value of the parameter, or of the two parameters of a curve.
     orbit : PeriodicOrbit
@@ -222,13 +222,9 @@ class Path:
 
     def add(self, X: np.ndarray, stable: bool) -> None:
         """Add a special point; it takes the place of another that is the same to rounding."""
-        if self.points and self.is_last(X):
+        if self.points and self.family.distance(self.points[-1][0], X) < _SAME_POINT:
             self.points.pop()
         self.points.append((X, stable))
-
-    def is_last(self, X: np.ndarray) -> bool:
-        """Whether a point is the last one, to rounding."""
-        return self.family.distance(self.points[-1][0], X) < _SAME_POINT
 
     def note(self, kind: str, orbit: PeriodicOrbit) -> None:
         """Note what is special at an orbit."""
@@ -286,9 +282,7 @@ def one_way(family: OrbitFamily, X: np.ndarray, tangent: np.ndarray) -> Path:
             if end[0] == "graze":
                 end = flip_that_touches(family, end[1]) or end
             kind, X, orbit = end
-            # At an impact of speed zero the multipliers are infinite.
-            moves = family.slowest(X) > 0.0
-            path.add(X, moves and family.stable(family.point(X, tangent)))
+            path.add(X, family.stable(family.point(X, tangent)))
             path.note(kind, orbit)
     return path
 
@@ -310,7 +304,7 @@ def _pass(path: Path, step: ArclengthStep) -> bool:
             path.points += _middle(family, path.points[-1][0], X)
         path.add(X, False)
         path.note(kind, orbit)
-    elif not (roots and path.is_last(step.end.X)):
+    else:
         path.points.append((step.end.X, family.stable(step.end)))
     return end is not None
 
