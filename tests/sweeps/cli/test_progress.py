@@ -85,7 +85,7 @@ def test_the_progress_of_a_run_shows_the_time_that_is_left(folder, name):
     (folder / "scene.yaml").write_text(f"name: {name}\n{STARTS}")
     config, screen = load_config("scene.yaml"), Terminal()
     console = Console(file=screen, force_terminal=True, width=80)
-    with _progress(config, [], LocalComputer(1), console) as advance:
+    with _progress(config, 18, LocalComputer(1), console) as advance:
         advance(1)
     shown = re.sub(r"\x1b\[[\d;?]*[A-Za-z]", "", screen.getvalue())
     lines = [line for line in shown.splitlines() if "points" in line]
