@@ -121,9 +121,10 @@ class Window:
         raise AssertionError(f"no map: {self.page.controls.error.text}")
 
     def shows_motion(self) -> bool:
-        """Whether the text is on the motion at the mark, and not on one that was closed."""
-        view = self.page.view
-        return view.marked and value_text(view.axis, view) in self.page.motion.text.text
+        """Whether the browser has the text, sent last, on the motion at the mark."""
+        view, text = self.page.view, self.page.motion.text.text
+        is_at_mark = view.marked and value_text(view.axis, view) in text
+        return is_at_mark and self.model("motion: text", "{return m.text}") == text
 
     def idle(self) -> bool:
         """Wait until all requests are computed and sent by the server."""
