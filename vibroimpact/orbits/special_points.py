@@ -59,7 +59,8 @@ class SpecialPoint(NamedTuple):
         the speeds of a curve become infinite there; and ``lost``: Newton's method fails, the path
         is too long, or, with hardly any damping and loss, its speeds become infinite. Where the
         equations of a curve are singular, at a degenerate flip, where several impacts graze
-        together or meet, and where the force vanishes, its end is right to 1e-6 of the ranges.
+        together or meet, and where the force vanishes, its end is right to 1e-6 of the ranges,
+        or to 2e-4 with hardly any damping, as seen at h = 3e-6.
     value : float, or ndarray of shape (2,)
         Value of the parameter, or of the two parameters of a curve.
     orbit : PeriodicOrbit
