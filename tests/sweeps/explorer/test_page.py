@@ -18,7 +18,6 @@ from sweeps.explorer.view import BASINS_TAB
 from sweeps.plotting.style import CLASSES
 from tests.helpers.browser import SCENE, Window, chromium
 from tests.helpers.commands import accepted
-from tests.helpers.places import CONFIGS
 from vibroimpact import Oscillator, one_impact_orbit
 
 pytestmark = pytest.mark.slow
@@ -161,27 +160,6 @@ def test_slider_field_abscissa_and_ordinate(window):
     selects.nth(1).select_option(label="R: coefficient of restitution")
     window.settle(lambda: page.view.axis == "R" and page.view.xlim == (0.0, 1.0))
     np.testing.assert_array_equal(window.pixels(), expected(page))
-
-
-def test_keys_move_and_zoom_the_window_and_close_the_motion(window):
-    page, key = window.page, window.tab.keyboard.press
-    home = page.view
-    window.click(0.1, 0.5)
-    window.settle(window.shows_motion)
-    assert "1/1" in page.motion.text.text
-    key("Escape")
-    window.settle(lambda: not page.view.marked)
-    window.settle(window.tab.get_by_text("close (Esc)").first.is_hidden)
-    low, high = page.diagram.kept.window
-    key("+")
-    window.settle(lambda: page.view.xlim == pytest.approx((2.675, 3.225)))
-    middle, quarter = 0.5 * (low + high), 0.25 * (high - low)
-    assert page.view.ylim == pytest.approx((middle - quarter, middle + quarter))
-    key("ArrowRight")
-    window.settle(lambda: page.view.xlim == pytest.approx((2.73, 3.28)))
-    np.testing.assert_array_equal(window.pixels(), expected(page))
-    key("Home")
-    window.settle(lambda: page.view == replace(home, values=page.view.values))
 
 
 def test_a_click_shows_the_motion_and_the_mark_can_be_dragged(window):
@@ -342,23 +320,6 @@ def test_a_logarithmic_axis_is_drawn_as_one_and_the_end_is_said(browser, tmp_pat
     explorer.close()
     ended.wait_for()
     window.tab.close()
-
-
-def test_lengths_of_a_rig_have_the_prefix_of_the_pictures_in_the_browser(browser, tmp_path):
-    """At the sections, the mass of this rig is at most 0.2 mm away."""
-    config = load_config(CONFIGS / "shaker.yaml", ["record={transient: 60, periods: 4}"])
-    with closing(sweeps.explore(config, folder=tmp_path)) as explorer:
-        window = Window(browser, explorer)
-        page, y = window.page, "m.left[0]"
-        window.settle()
-        assert window.model("diagram", "{return m.title.text}").endswith("x [mm]")
-        write = f"{{return {y}.formatter.doFormat([-5e-5, 0, 5e-5, 1e-4], {{loc: 0}})}}"
-        assert window.model("diagram", write) == ["\u22120.05", "0.00", "0.05", "0.10"]
-        window.show(replace(page.view, ylim=(0.0, 2.0)))
-        assert window.model("diagram", "{return m.title.text}").endswith("x [m]")
-        assert window.model("diagram", write) != ["\u22120.05", "0.00", "0.05", "0.10"]
-        window.tab.close()
-        assert window.problems == []
 
 
 def test_what_is_saved_runs_to_the_same_numbers(window, tmp_path):

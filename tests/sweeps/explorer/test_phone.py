@@ -1,10 +1,15 @@
-"""The live picture in a real browser: small pages, keys alone, and the mass that moves."""
+"""The live picture in a real browser: small pages, keys alone, the mass that moves, and a rig."""
+
+from contextlib import closing
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 import sweeps
+from sweeps import load_config
 from tests.helpers.browser import SCENE, Window, chromium
+from tests.helpers.places import CONFIGS
 
 pytestmark = pytest.mark.slow
 #: The element that has the focus: its role or tag, its name, and whether it is open or pressed.
@@ -20,14 +25,18 @@ START = "document.body.tabIndex = -1; document.body.focus(); document.body.blur(
 
 
 @pytest.fixture(scope="module")
-def phone():
-    """A window as wide as a phone."""
-    explorer = sweeps.explore(SCENE)
+def browser():
     with chromium() as browser:
+        yield browser
+
+
+@pytest.fixture(scope="module")
+def phone(browser):
+    """A window as wide as a phone."""
+    with closing(sweeps.explore(SCENE)) as explorer:
         window = Window(browser, explorer, size=(390, 844))
         yield window
         assert window.problems == []
-    explorer.close()
 
 
 @pytest.fixture
@@ -124,6 +133,24 @@ def test_keys_alone_open_a_tab_move_a_value_and_show_a_motion(window):
     window.settle(lambda: not page.view.marked)
 
 
+def test_keys_move_and_zoom_the_window_and_close_the_motion(window):
+    page, key = window.page, window.tab.keyboard.press
+    home = page.view
+    show_motion(window)
+    key("Escape")
+    window.settle(lambda: not page.view.marked)
+    window.settle(window.tab.get_by_text("close (Esc)").first.is_hidden)
+    low, high = page.diagram.kept.window
+    key("+")
+    window.settle(lambda: page.view.xlim == pytest.approx((2.675, 3.225)))
+    middle, quarter = 0.5 * (low + high), 0.25 * (high - low)
+    assert page.view.ylim == pytest.approx((middle - quarter, middle + quarter))
+    key("ArrowRight")
+    window.settle(lambda: page.view.xlim == pytest.approx((2.73, 3.28)))
+    key("Home")
+    window.settle(lambda: page.view == replace(home, values=page.view.values))
+
+
 def mass(window):
     """Return time, displacement and velocity of the mass."""
     return window.model("mass", "{return [m.data.t[0], m.data.x[0], m.data.v[0]]}")
@@ -162,3 +189,20 @@ def test_the_mass_stands_still_where_the_browser_asks_for_reduced_motion(window)
         window.tab.wait_for_timeout(30)
         assert mass(window) == start
     assert not window.model("moving", "{return m.active}")
+
+
+def test_lengths_of_a_rig_have_the_prefix_of_the_pictures_in_the_browser(browser, tmp_path):
+    """At the sections, the mass of this rig is at most 0.2 mm away."""
+    config = load_config(CONFIGS / "shaker.yaml", ["record={transient: 60, periods: 4}"])
+    with closing(sweeps.explore(config, folder=tmp_path)) as explorer:
+        window = Window(browser, explorer)
+        page, y = window.page, "m.left[0]"
+        window.settle()
+        assert window.model("diagram", "{return m.title.text}").endswith("x [mm]")
+        write = f"{{return {y}.formatter.doFormat([-5e-5, 0, 5e-5, 1e-4], {{loc: 0}})}}"
+        assert window.model("diagram", write) == ["\u22120.05", "0.00", "0.05", "0.10"]
+        window.show(replace(page.view, ylim=(0.0, 2.0)))
+        assert window.model("diagram", "{return m.title.text}").endswith("x [m]")
+        assert window.model("diagram", write) != ["\u22120.05", "0.00", "0.05", "0.10"]
+        window.tab.close()
+        assert window.problems == []

@@ -1,9 +1,8 @@
 import numpy as np
 import pytest
-from matplotlib.figure import Figure
 
 from sweeps.errors import Refused
-from sweeps.plotting import Page, bifurcation, plot, section
+from sweeps.plotting import Page, bifurcation, plot
 from sweeps.plotting.maps import parameter_map
 from sweeps.plotting.pixels import cell_edges
 from tests.helpers.equal_points import OMEGA, PLAIN, R, colours, equal_points, legend, texts
@@ -253,50 +252,3 @@ def test_a_map_of_nothing_yet_has_the_axes_of_the_sweep():
         panels = [parameter_map(points, page=page).axes[0] for points in (computed, pending)]
         ends = [(panel.get_xlim(), panel.get_ylim()) for panel in panels]
         assert ends[0] == ends[1] != ((0.0, 1.0), (0.0, 1.0))
-
-
-@pytest.mark.parametrize("side", ["x", "y"])
-@pytest.mark.parametrize(
-    ("draw", "options"),
-    [
-        (bifurcation, {"overlay": {"omega": [2.0, 5.0], "poincare_x": [0.5, 2.0]}}),
-        (bifurcation, {"page": Page(xlim=(1.8, 3.2), ylim=(-1.0, 1.0))}),
-        (parameter_map, {"page": Page(xlim=(1.8, 3.2), ylim=(0.4, 0.8))}),
-        (section, {}),
-    ],
-)
-def test_an_inverted_axis_stays_inverted(draw, options, side):
-    limits, points = [], equal_points()
-    points["poincare_v"] = points["poincare_x"]
-    for panel in Figure().subplots(1, 2):
-        if limits:
-            getattr(panel, f"invert_{side}axis")()
-        draw(points, ax=panel, **options)
-        limits.append({one: getattr(panel, f"get_{one}lim")() for one in "xy"})
-    plain, inverted = limits
-    inverted[side] = inverted[side][::-1]
-    assert inverted == plain and plain[side][0] < plain[side][1]
-
-
-def test_limits_that_a_logarithmic_axis_cannot_have_are_refused():
-    points = equal_points(axes={"R": R, "omega": np.array([1.0, 2.0, 4.0, 8.0])})
-    for draw in (bifurcation, parameter_map):
-        with pytest.raises(Refused, match="xlim = 0:3 is not allowed on a logarithmic axis"):
-            draw(points, page=Page(xlim=(0.0, 3.0)))
-        assert draw(points, page=Page(xlim=(1.5, 3.0))).axes[0].get_xlim() == (1.5, 3.0)
-
-
-def test_an_ordinate_fits_a_motion_at_0_within_the_limits(recwarn):
-    points = equal_points()
-    points["poincare_x"].values[:, 3] = 5.0
-    low, high = bifurcation(points, page=Page(xlim=(0.5, 3.2))).axes[0].get_ylim()
-    assert low < 0.0 < high < 1.0 and not [*recwarn]
-
-
-def test_the_ordinate_of_colours_fits_as_that_of_a_single_one():
-    points = equal_points()
-    points["poincare_x"].values[:] += np.linspace(0.1, 5.0, 4)[:, None]
-    page = Page(xlim=(0.5, 2.5))
-    figures = (bifurcation(points, color=name, page=page) for name in (None, "period", "R"))
-    plain, *coloured = (figure.axes[0].get_ylim() for figure in figures)
-    assert coloured == [plain, plain] and plain[1] < 2.0

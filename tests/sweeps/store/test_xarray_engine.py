@@ -1,4 +1,4 @@
-"""The engine ``vibroimpact`` of xarray: sweeps as `open_sweep` opens them, and no other file."""
+"""The engine ``vibroimpact`` of xarray and `open_sweep`: no other file, nor one put there later."""
 
 import os
 import shutil
@@ -20,6 +20,7 @@ from sweeps.store.xarray_engine import SweepEngine
 from tests.helpers.commands import SMALL
 from tests.helpers.places import ROOT
 from tests.helpers.sweep_files import run_in
+from tests.helpers.written_files import fill_blocks, schema
 
 GROUP = "xarray.backends"
 
@@ -158,3 +159,47 @@ def test_a_sweep_that_is_begun_anew_meanwhile_has_no_blocks_under_the_old_schema
     with open_sweep("part.h5") as data:
         computed, expected = data["status"] != -1, sweeps[data["R"].item()]["poincare_x"]
         assert bool((data["poincare_x"] == expected).where(computed, True).all())
+
+
+def test_an_opened_file_that_was_replaced_is_not_read_as_if_it_were_the_old_one():
+    """xarray closes files when many are open, and opens them again by their names."""
+    fill_blocks("out.h5")
+    fill_blocks("other.h5")
+    with xr.set_options(file_cache_maxsize=1), open_sweep("out.h5") as dataset:
+        fill_blocks("out.h5", overwrite=True, plan=schema(block_size=3, numerics="2"))
+        open_sweep("other.h5").close()
+        with pytest.raises(StoreError, match=r"out\.h5 was replaced by another program; open"):
+            dataset["poincare_x"].load()
+        Path("out.h5").unlink()
+        with pytest.raises(StoreError, match=r"out\.h5 was removed by another program"):
+            dataset["poincare_x"].load()
+        os.mkfifo("out.h5")
+        with pytest.raises(StoreError, match=r"out\.h5 is a FIFO, not a regular file"):
+            dataset["poincare_x"].load()
+        Path("out.h5").unlink()
+    for then, event in (
+        ({"overwrite": True, "blocks": 2}, "replaced"),
+        ({"resume": True}, "removed"),
+    ):
+        fill_blocks("out.h5", 2, resume=True)
+        with open_sweep("out.h5") as dataset:
+            fill_blocks("out.h5", **then)
+            said = rf"block-000000\.npz was {event} by another program, or its sweep was completed"
+            with pytest.raises(StoreError, match=said):
+                dataset["poincare_x"].load()
+
+
+def test_a_sweep_that_is_replaced_while_it_is_opened_is_not_opened(monkeypatch):
+    """Its data would not have been compared with their checksums."""
+    fill_blocks("out.h5")
+    fill_blocks("other.h5", plan=schema(numerics="2"))
+    checked = complete_file.check_file
+
+    def checking(path, **options):
+        digest = checked(path, **options)
+        os.replace("other.h5", "out.h5")
+        return digest
+
+    monkeypatch.setattr(complete_file, "check_file", checking)
+    with pytest.raises(StoreError, match="was replaced by another program"):
+        open_sweep("out.h5")
