@@ -17,7 +17,7 @@ from vibroimpact.inputs import refusal
 if TYPE_CHECKING:
     from sweeps.config.sweep import SweepConfig
     from sweeps.opened.opened_sweep import OpenedSweep
-    from sweeps.plotting.page import Ends, Page
+    from sweeps.plotting.page import Limits, Page
 
 _NUMBER = r"-?[0-9.]+(?:e[-+]?[0-9]+)?"
 
@@ -86,7 +86,7 @@ def zoom_command(
 
 def _pieces_and_limits(
     texts: Sequence[str], coordinate: str | None
-) -> tuple[dict[str, Ends], str | None, Ends | None]:
+) -> tuple[dict[str, Limits], str | None, Limits | None]:
     """Read the pieces of axes; return also the coordinate that is drawn, and its limits if any."""
     from sweeps.opened.coordinates import ORDINATES
 
@@ -138,7 +138,7 @@ def _check_picture(
         raise Refused(f"the piece has no {coordinate} to draw: {problem}")
 
 
-def _outside(sweep: OpenedSweep, pieces: Mapping[str, Ends]) -> Iterator[str]:
+def _outside(sweep: OpenedSweep, pieces: Mapping[str, Limits]) -> Iterator[str]:
     """Say which pieces go beyond the values of the sweep."""
     for name, piece in pieces.items():
         low, high = piece
@@ -158,7 +158,7 @@ def _refuse_replaced(overrides: Sequence[str], axes: Iterable[str]) -> None:
             raise Refused(f"--set {text} is not allowed; the piece chooses {key}")
 
 
-def _state_before(sweep: OpenedSweep, pieces: Mapping[str, Ends]) -> dict[str, float]:
+def _state_before(sweep: OpenedSweep, pieces: Mapping[str, Limits]) -> dict[str, float]:
     """Return the state before a piece of the only axis, followed one way; empty if none fits."""
     if len(pieces) != 1 or len(sweep.spec.directions) != 1 or sweep.axes != tuple(pieces):
         return {}
@@ -174,7 +174,7 @@ def _state_before(sweep: OpenedSweep, pieces: Mapping[str, Ends]) -> dict[str, f
     return {"x0": min(x, least), "v0": v, "phase": sweep.spec.phase} if isfinite(x) else {}
 
 
-def zoomed(config: SweepConfig, pieces: Mapping[str, Ends]) -> SweepConfig:
+def zoomed(config: SweepConfig, pieces: Mapping[str, Limits]) -> SweepConfig:
     """Return the same sweep over pieces (low, high) of its axes, with as many points along each.
 
     A range keeps its linear or logarithmic spacing; a list becomes a linear range. The number of
@@ -205,7 +205,7 @@ def zoomed(config: SweepConfig, pieces: Mapping[str, Ends]) -> SweepConfig:
     return load_config(data)
 
 
-def _piece(text: str) -> tuple[str, Ends]:
+def _piece(text: str) -> tuple[str, Limits]:
     """Read a name with its limits."""
     name, _, ends = text.partition("=")
     piece = common.interval(ends)
@@ -214,7 +214,7 @@ def _piece(text: str) -> tuple[str, Ends]:
     return name.strip(), piece
 
 
-def _named_after(file: Path, axes: dict[str, Ends], overrides: Sequence[str]) -> str:
+def _named_after(file: Path, axes: dict[str, Limits], overrides: Sequence[str]) -> str:
     """Name a file after its pieces and overrides, in place of those that its name already has."""
     from sweeps.config.sweep import dotted_keys
 

@@ -11,7 +11,7 @@ import xarray as xr
 
 from sweeps.config.rig import Nomenclature
 from sweeps.errors import Refused
-from sweeps.opened.coordinates import in_parts
+from sweeps.opened.coordinates import in_chunks
 from sweeps.opened.opened_sweep import OpenedSweep
 from sweeps.store.schema import differing_keys
 from sweeps.store.variables import FLAGS, VARIABLES
@@ -115,7 +115,7 @@ def _parts_of(
     width = math.prod(variables[0].shape[len(axes) :])
     parts = (
         (cut["first"].values.ravel(), cut["second"].values.ravel(), points.start)
-        for cut, points in in_parts(joint, _VALUES_COMPARED // max(1, width))
+        for cut, points in in_chunks(joint, _VALUES_COMPARED // max(1, width))
     )
     return variables[0].sizes, width, parts
 

@@ -88,7 +88,7 @@ def records(sweep: OpenedSweep, name: str, at: np.ndarray) -> np.ndarray:
     """Return a coordinate at points given in C order, shape (k, record), reading in parts."""
     width = sweep.sizes[ORDINATES[name].dimension]
     result = np.empty((len(at), width))
-    for part, cut in in_parts(sweep.data, _STATES_READ // width):
+    for part, cut in in_chunks(sweep.data, _STATES_READ // width):
         wanted = np.flatnonzero((at >= cut.start) & (at < cut.stop))
         if len(wanted):
             values = recorded_coordinate(part, name).values.reshape(-1, width)
@@ -96,7 +96,7 @@ def records(sweep: OpenedSweep, name: str, at: np.ndarray) -> np.ndarray:
     return result
 
 
-def in_parts(dataset: xr.Dataset, size: int) -> Iterator[tuple[xr.Dataset, slice]]:
+def in_chunks(dataset: xr.Dataset, size: int) -> Iterator[tuple[xr.Dataset, slice]]:
     """Yield parts of at most `size` points (at least 1), each with its slice of all in C order."""
     sizes, stop = dataset["status"].sizes, 0
     grid = Grid({str(name): np.empty(length) for name, length in sizes.items()}, {})

@@ -16,7 +16,7 @@ import xarray as xr
 from sweeps.config.points import header_of
 from sweeps.config.rig import RigConfig
 from sweeps.errors import Refused
-from sweeps.opened.coordinates import COORDINATES, in_parts
+from sweeps.opened.coordinates import COORDINATES, in_chunks
 from sweeps.opened.opened_sweep import OpenedSweep
 from sweeps.reports import RESULTS, destinations_text, outcomes, shown_axis, status_counts
 from sweeps.store.replacing import writing
@@ -109,7 +109,7 @@ def write_rows(sweep: OpenedSweep, path: Path, rows: str) -> int:
     refuse_points(sweep.whole.columns, path)
     data = _scalars(sweep) if ROWS[rows] is None else _records(sweep, rows)
     size = _PART // (data.sizes[ROWS[rows]] if ROWS[rows] else 1)
-    parts = (_frame(sweep.with_data(part), ROWS[rows]) for part, _ in in_parts(data, size))
+    parts = (_frame(sweep.with_data(part), ROWS[rows]) for part, _ in in_chunks(data, size))
     return write_csv(path, parts)
 
 

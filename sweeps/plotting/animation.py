@@ -1,4 +1,4 @@
-"""A motion that moves: the mass at its stop, beside it growing curves; GIF or MP4."""
+"""Animates a motion: the mass at its stop, beside it growing curves; GIF or MP4."""
 
 from __future__ import annotations
 
@@ -120,26 +120,22 @@ class _Film(canvas.Picture):
         self.mass.sharey(self.over_time)
         self.mass.set_axis_off()
         self.phase_plane.locator_params(axis="x", nbins=5)
-        self._still: tuple[RendererBase | None, Any] = None, None
+        self._background: tuple[RendererBase | None, Any] = None, None
 
-    def take(self, count: int, clearance: float, page: Page) -> None:
+    def prepare(self, count: int, clearance: float, page: Page) -> None:
         """Let the motion that the panels show move, in so many frames after the first."""
         upper, lower = self.over_time, self.phase_plane
-        self._grown = [
-            (
-                over_time,
-                phases,
-                np.vstack([*np.transpose(over_time.get_xydata()), phases.get_ydata()]),
-            )
+        self._curves = [
+            (over_time, phases, np.vstack([*over_time.get_data(), phases.get_ydata()]))
             for over_time, phases in zip(upper.lines, lower.lines, strict=True)
             if over_time.get_transform() == upper.transData  # that of the stop is another
         ]
-        self._motion = self._grown[0][2]
-        look: dict[str, Any] = {"color": ink(), "marker": "o", "markersize": 4.5, "zorder": 4.0}
-        self._heads = [panel.plot([], [], **look)[0] for panel in (upper, lower)]
+        self._motion = self._curves[0][2]
+        props: dict[str, Any] = {"color": ink(), "marker": "o", "markersize": 4.5, "zorder": 4.0}
+        self._heads = [panel.plot([], [], **props)[0] for panel in (upper, lower)]
         upper.autoscale(False)
         lower.autoscale(False)
-        curves = [line for over_time, phases, _ in self._grown for line in (over_time, phases)]
+        curves = [line for over_time, phases, _ in self._curves for line in (over_time, phases)]
         self.moving: list[Artist] = [*self._draw_mass(clearance, page), *curves, *self._heads]
         self.times = _frame_times(self._motion[0], count)
 
@@ -163,13 +159,13 @@ class _Film(canvas.Picture):
         """Show the motion up to the time of a frame; return what moves."""
         time = float(self.times[frame])
         now = _state_at(self._motion, time)
-        for over_time, phases, rows in self._grown:
+        for over_time, phases, rows in self._curves:
             past = rows[:, : rows[0].searchsorted(time, "right")]
             past = np.column_stack([past, now]) if rows is self._motion else past
             over_time.set_data(past[:2])
             phases.set_data(past[1:])
-        for head, place in zip(self._heads, (now[:2], now[1:]), strict=True):
-            head.set_data(place[:, None])
+        for head, point in zip(self._heads, (now[:2], now[1:]), strict=True):
+            head.set_data(point[:, None])
         self._block.set_y(now[1] - self._block.get_height())
         ends = self.mass.get_ylim()[0], self._block.get_y()
         self._spring.set_ydata(np.linspace(*ends, len(_SPRING)))
@@ -180,14 +176,14 @@ class _Film(canvas.Picture):
         if self.get_layout_engine() is not None or not isinstance(renderer, RendererAgg):
             super().draw(renderer)
             return
-        if self._still[0] is not renderer:
+        if self._background[0] is not renderer:
             for artist in self.moving:
                 artist.set_visible(False)
             super().draw(renderer)
             for artist in self.moving:
                 artist.set_visible(True)
-            self._still = renderer, renderer.copy_from_bbox(self.bbox)
-        renderer.restore_region(self._still[1])
+            self._background = renderer, renderer.copy_from_bbox(self.bbox)
+        renderer.restore_region(self._background[1])
         for artist in self.moving:
             artist.draw(renderer)
 
@@ -223,7 +219,7 @@ def _film(
     if page.xlabel is None:
         over_time.set_xlabel(velocity.get_xlabel(), wrap=True)
     phase_plane.title.set(ha="right", x=1.0)  # the panel is narrow
-    film.take(count, float(point["clearance"]), page)
+    film.prepare(count, float(point["clearance"]), page)
     film.draw_without_rendering()  # lays it out
     with mpl.rc_context({"figure.autolayout": False, "figure.constrained_layout.use": False}):
         film.set_layout_engine(None)
@@ -287,20 +283,20 @@ def _gif(film: _Film, fps: int, description: tuple[str, str, str]) -> bytes:
     """Return the content of a GIF file; its frames last whole hundredths of a second."""
     count, image = len(film.times), BytesIO()
     # The same colours in all frames, so that nothing flickers, with that of the ground as it is.
-    some = [_painted(film, frame) for frame in range(0, count, 1 + count // 8)]
-    colours = Image.fromarray(np.vstack(some)).quantize(255, Image.Quantize.FASTOCTREE)
+    samples = [_painted(film, frame) for frame in range(0, count, 1 + count // 8)]
+    colours = Image.fromarray(np.vstack(samples)).quantize(255, Image.Quantize.FASTOCTREE)
     palette = np.reshape(colours.getpalette() or (), (-1, 3)).astype(np.uint8)
-    palette[np.asarray(colours)[0, 0]] = some[0][0, 0]
+    palette[np.asarray(colours)[0, 0]] = samples[0][0, 0]
     colours.putpalette(palette.tobytes())
     frames = (
         Image.fromarray(_painted(film, frame)).quantize(palette=colours, dither=Image.Dither.NONE)
         for frame in range(count)
     )
-    ends = np.rint(100.0 / fps * np.arange(count + 1))
-    lasts = (10.0 * np.diff(ends)).astype(int).tolist()
+    times = np.rint(100.0 / fps * np.arange(count + 1))
+    durations = (10.0 * np.diff(times)).astype(int).tolist()
     about = "\n".join(description).encode()
     next(frames).save(
-        image, "GIF", save_all=True, append_images=frames, loop=0, duration=lasts, comment=about
+        image, "GIF", save_all=True, append_images=frames, loop=0, duration=durations, comment=about
     )
     return image.getvalue()
 

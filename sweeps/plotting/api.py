@@ -29,7 +29,7 @@ class Kind(NamedTuple):
     function: str  # of this room, which is imported when it draws: some need the compiler
     options: tuple[str, ...] = ()  # of the function, other than `at`
     axes: int = 0  # number of axes that it chooses if not given, besides those shown always
-    shown: tuple[str, ...] = ()  # axes that it always shows
+    implied: tuple[str, ...] = ()  # axes that it always shows
 
     def draw(self, *arguments: Any, **options: Any) -> Figure:
         """Draw a picture of the kind."""
@@ -43,17 +43,17 @@ KINDS: Mapping[str, Kind] = {
         "bifurcation",
         ("axes", "coordinate", "exact", "below", "color", "overlay"),
         axes=1,
-        shown=(DIRECTION,),
+        implied=(DIRECTION,),
     ),
-    "attractors": Kind("attractor_diagram", ("axes", "coordinate"), axes=1, shown=START_AXES),
-    "basins": Kind("basins", ("beside",), shown=STARTS),
-    "integrity": Kind("integrity", ("panels",), shown=("x0", "v0")),
+    "attractors": Kind("attractor_diagram", ("axes", "coordinate"), axes=1, implied=START_AXES),
+    "basins": Kind("basins", ("beside",), implied=STARTS),
+    "integrity": Kind("integrity", ("panels",), implied=("x0", "v0")),
     "map": Kind("parameter_map", ("axes", "quantity", "exact", "overlay"), axes=2),
     "section": Kind("section", ("color",)),
     "impacts": Kind("impacts", ("color",)),
     "trajectory": Kind("trajectory", ("periods", "color", "fps")),
     "table": Kind(
-        "table_panels", ("axes", "quantity", "color", "overlay", "panels"), shown=(TABLE,)
+        "table_panels", ("axes", "quantity", "color", "overlay", "panels"), implied=(TABLE,)
     ),
 }
 
@@ -209,13 +209,13 @@ def silent_cuts(
     color: str | None = None,
 ) -> dict[str, float | str]:
     """Return the swept axes that a picture cuts without being asked, with their first values."""
-    shown = {*KINDS[kind].shown}
+    implied = {*KINDS[kind].implied}
     if color is not None:
-        shown |= set() if KINDS[kind].axes else {*sweep.axes}  # sections of all points
-        shown = shown - {DIRECTION} | {DIRECTION} & {color}
-    fixed = {*shown, *(at or {}), *axes}
-    left = [name for name in sweep.grid if name not in fixed and sweep.sizes[name] > 1]
-    axes_left = [name for name in left if name != DIRECTION]
+        implied |= set() if KINDS[kind].axes else {*sweep.axes}  # sections of all points
+        implied = implied - {DIRECTION} | {DIRECTION} & {color}
+    fixed = {*implied, *(at or {}), *axes}
+    remaining = [name for name in sweep.grid if name not in fixed and sweep.sizes[name] > 1]
+    axes_left = [name for name in remaining if name != DIRECTION]
     longest = sorted(axes_left, key=lambda name: -sweep.sizes[name])
-    drawn = longest[: max(0, KINDS[kind].axes - len(axes))]
-    return {name: sweep[name][0].item() for name in left if name not in drawn}
+    default_axes = longest[: max(0, KINDS[kind].axes - len(axes))]
+    return {name: sweep[name][0].item() for name in remaining if name not in default_axes}

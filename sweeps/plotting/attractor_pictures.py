@@ -128,15 +128,15 @@ class Basins(NamedTuple):
         grid, phase = self.starts.grid, self.starts["phase"]
         if "phase" in grid or float(phase) != self.starts.spec.phase:
             return []
-        seen, dot = False, dict[str, Any](linestyle="", markersize=4.5, mec=ink())
-        dot["path_effects"] = [withStroke(linewidth=2.4, foreground=ground())]
+        any_visible, props = False, dict[str, Any](linestyle="", markersize=4.5, mec=ink())
+        props["path_effects"] = [withStroke(linewidth=2.4, foreground=ground())]
         for row in (row for row in self.looks.split(self.table)[0] if len(row.states)):
-            look, places = self.looks.look(row), row.states.T
-            dot |= {"marker": look.marker, "color": look.colour}
-            panel.plot(*places, scalex=False, scaley=False, **dot)
-            seen |= bool(in_view(panel, *places).any())
-        dot |= {"marker": "o", "color": ground(), "label": "attractors at the section"}
-        return [Line2D([], [], **dot)] if seen else []
+            look, states = self.looks.look(row), row.states.T
+            props |= {"marker": look.marker, "color": look.colour}
+            panel.plot(*states, scalex=False, scaley=False, **props)
+            any_visible |= bool(in_view(panel, *states).any())
+        props |= {"marker": "o", "color": ground(), "label": "attractors at the section"}
+        return [Line2D([], [], **props)] if any_visible else []
 
     def write_names(self, panel: Axes, page: Page) -> None:
         """Write the names of classes into the basins; in grey, draw their boundaries."""
@@ -172,7 +172,7 @@ def _basins_beside(
         raise Refused("basins beside each other need a figure of their own: leave out ax or beside")
     if len(beside) != 1:
         raise Refused(f"basins are beside each other for values of one axis, not {len(beside)}")
-    name, values = next((name, [*map(float, given)]) for name, given in beside.items())
+    name, values = next((name, [*map(float, several)]) for name, several in beside.items())
     if name in START_AXES:
         raise Refused(f"{name} is a start: basins are beside each other for values of a parameter")
     if not 1 <= len(values) <= _MOST_BESIDE:
@@ -186,7 +186,7 @@ def _basins_beside(
     row /= mpl.rcParams["figure.figsize"][1]
     panels = canvas.panel_grid(page, len(values), across, row, sharex=True)
     line_result, looks = attractors_in(sweep.cut(at, free=[name, *plane]), sweep, page.grey)
-    places, further = list[tuple[Axes, Basins]](), dict[str, Artist]()
+    basins_of_panels, further = list[tuple[Axes, Basins]](), dict[str, Artist]()
     for panel, value in zip(panels, line[name].values.tolist(), strict=True):
         point_result = line_result.sel({name: value})
         regions = Basins.of(line.cut({name: value}, plane), point_result, looks, *plane)
@@ -196,7 +196,7 @@ def _basins_beside(
         others = *entries_of(starts, failed, view), *regions.mark_attractors(panel)
         further |= {str(handle.get_label()): handle for handle in others}
         panel.set_title(labels.equation(line[name].symbol, line[name], value), loc="left")
-        places.append((panel, regions))
+        basins_of_panels.append((panel, regions))
     for number, panel in enumerate(panels):
         has_below = number + across < len(panels)
         panel.tick_params(labelbottom=not has_below)
@@ -205,21 +205,21 @@ def _basins_beside(
         if number % across:
             panel.set_ylabel("")
     title = f"{labels.CLASSES_TITLE},\nshare of the starts in each panel"
-    handles = [*_shared_handles(places, looks), *further.values()]
+    handles = [*_shared_handles(basins_of_panels, looks), *further.values()]
     figure = canvas.finish(panels[0], page, line, handles, title)
-    for panel, regions in places:
+    for panel, regions in basins_of_panels:
         regions.write_names(panel, page)
     return figure
 
 
-def _shared_handles(places: Sequence[tuple[Axes, Basins]], looks: Looks) -> list[Artist]:
+def _shared_handles(basins_of_panels: Sequence[tuple[Axes, Basins]], looks: Looks) -> list[Artist]:
     """Return an entry of a legend for each look and class in several panels, with the shares."""
     shares: dict[tuple[Look, str], np.ndarray] = {}
-    for number, (panel, regions) in enumerate(places):
+    for number, (panel, regions) in enumerate(basins_of_panels):
         of_starts = regions.numbers[view_of(panel, regions.starts)]
         for row in regions.table:
             name = class_names([row]) if looks.has_own(row) else "other periodic attractors"
-            of_panels = shares.setdefault((looks.look(row), name), np.zeros(len(places)))
+            of_panels = shares.setdefault((looks.look(row), name), np.zeros(len(basins_of_panels)))
             cells = Cells(name, looks.look(row), of_starts == row.number, of_starts >= 0)
             of_panels[number] += cells.share
     return [
@@ -231,10 +231,10 @@ def _shared_handles(places: Sequence[tuple[Axes, Basins]], looks: Looks) -> list
 
 def attractors_in(cut: OpenedSweep, sweep: OpenedSweep, grey: bool) -> tuple[xr.Dataset, Looks]:
     """Return the attractors in a cut, numbered as in the file, and the looks of the file."""
-    places = sweep.places({name: cut[name].item() for name in {*sweep.grid} - {*cut.grid}})
-    starts = {name: places.pop(name) for name in places.keys() & {*START_AXES}}
+    indices = sweep.places({name: cut[name].item() for name in {*sweep.grid} - {*cut.grid}})
+    starts = {name: indices.pop(name) for name in indices.keys() & {*START_AXES}}
     file_result = attractors(sweep.isel(starts))
-    return file_result.isel(places), Looks.of(file_result, grey)
+    return file_result.isel(indices), Looks.of(file_result, grey)
 
 
 @functools.partial(styled, marks=True)
@@ -289,10 +289,10 @@ def attractor_diagram(
     labels.label_axis(panel.yaxis, labels.as_variable(coordinate, sweep))
     series = _draw_rows(panel, line, table, looks, axis, coordinate)
     if len(values) > 100:
-        labels.set_ends(panel.xaxis, values.min(), values.max())
+        labels.set_lim(panel.xaxis, values.min(), values.max())
     page.set_limits(panel, fit=True)
     for each in series:
-        if canvas.is_seen(each.dots):
+        if canvas.is_in_view(each.dots):
             (handle,) = panel.plot([], [], each.look.marker, color=each.look.dots, label=each.name)
             handle.set(markersize=4.0, markeredgewidth=edge_of(each.look.marker))
     masks = {}
@@ -355,8 +355,8 @@ def _draw_rows(
         refuse_empty(line, coordinate)
     widen_if_constant(panel.yaxis, finite.min(), finite.max())
     names = map("".join, names_of(series, line, line[axis]))
-    drawn, parts = [], np.split(values, np.cumsum([*map(len, series)])[:-1])
-    for rows, name, y in zip(series, names, parts, strict=True):
+    result, groups = [], np.split(values, np.cumsum([*map(len, series)])[:-1])
+    for rows, name, y in zip(series, names, groups, strict=True):
         x = np.broadcast_to([[row.parameters[axis]] for row in rows], y.shape)[np.isfinite(y)]
         y = y[np.isfinite(y)]
         first, look = rows[0], looks.look(rows[0])
@@ -366,5 +366,5 @@ def _draw_rows(
         size = marker_size(x, y, least, most)
         dots.set(markersize=size, markeredgewidth=0, zorder=zorder)
         label = name if looks.has_own(first) else "other periodic attractors"
-        drawn.append(_Series(rows, look, dots, label))
-    return drawn
+        result.append(_Series(rows, look, dots, label))
+    return result

@@ -152,9 +152,9 @@ class Picture(Figure):
         box = legend.get_window_extent()
         if box.width > self.bbox.width:
             self._refuse_size("legend has")
-        taken = box.height / self.dpi
-        least = 0.0 if whole else taken / SHARE
-        self.set_figheight(max(self.get_figheight() + taken, least))
+        legend_height = box.height / self.dpi
+        least = 0.0 if whole else legend_height / SHARE
+        self.set_figheight(max(self.get_figheight() + legend_height, least))
 
 
 def fit_text(name: str, text: Text) -> None:
@@ -223,18 +223,18 @@ def panel_grid(
     return list(grid[:count])
 
 
-def chosen_panels(asked: Sequence[str], there: Sequence[str]) -> list[str]:
-    """Return the names of the panels that are asked for, by default all that are there."""
-    for name in asked:
-        if name not in there:
-            meant = suggestion(near_misses(name, there))
-            raise Refused(f"there is no panel {name or repr(name)}{meant}; {choice_of(there)}")
-        if asked.count(name) > 1:
+def chosen_panels(requested: Sequence[str], available: Sequence[str]) -> list[str]:
+    """Return the names of the panels that are requested, by default all that are available."""
+    for name in requested:
+        if name not in available:
+            meant = suggestion(near_misses(name, available))
+            raise Refused(f"there is no panel {name or repr(name)}{meant}; {choice_of(available)}")
+        if requested.count(name) > 1:
             raise Refused(f"the panel {name} is asked for twice; expected: once")
-    return [*(asked or there)]
+    return [*(requested or available)]
 
 
-def is_seen(artist: Artist) -> bool:
+def is_in_view(artist: Artist) -> bool:
     """Whether a line is within the limits, or at them; True for what only stands in a legend."""
     if not isinstance(artist, Line2D) or artist.axes is None or not len(artist.get_path()):
         return True
@@ -257,7 +257,7 @@ def _shows_data(panel: Axes) -> bool:
     has_cells = not len(points) or any(isinstance(each, QuadMesh) for each in panel.collections)
     if has_cells or in_view(panel, *points.T).any():
         return True
-    lines = [each for each in panel.lines if len(each.get_path()) and is_seen(each)]
+    lines = [each for each in panel.lines if len(each.get_path()) and is_in_view(each)]
     return any(each.get_linestyle() == "None" or each.get_transform() == data for each in lines)
 
 
@@ -272,10 +272,10 @@ def _refuse_gap(panel: Axes, page: Page) -> None:
 def refuse_limits(page: Page, values: np.ndarray) -> NoReturn:
     """Refuse the limits of a page; name those of the values that are beside a single range."""
     limits, ranges, values = {"xlim": page.xlim, "ylim": page.ylim}, list[str](), np.unique(values)
-    for name, ends in limits.items():
-        if ends is not None:
-            after = int(values.searchsorted(ends[0]))
-            low, high, *beside = told_apart(*ends, *values[max(0, after - 1) : after + 1])
+    for name, lim in limits.items():
+        if lim is not None:
+            after = int(values.searchsorted(lim[0]))
+            low, high, *beside = told_apart(*lim, *values[max(0, after - 1) : after + 1])
             ranges.append(f"{name} = {low}:{high}")
     nearest = f"; the nearest values are {listed(beside)}" if beside and len(ranges) == 1 else ""
     raise Refused(f"there is nothing to draw with {' and '.join(ranges)}{nearest}")
@@ -295,8 +295,8 @@ def _thin_ticks(axis: Axis) -> None:
     for fewer in range(len(axis.get_majorticklocs()) - 1, 0, -1):
         texts = [text for text in axis.get_majorticklabels() if text.get_text()]
         boxes = [text.get_window_extent() for text in texts if text.get_visible()]
-        ends = sorted(tuple(box.intervalx if is_across else box.intervaly) for box in boxes)
-        gap = min((after[0] - before[1] for before, after in pairwise(ends)), default=np.inf)
+        intervals = sorted(tuple(box.intervalx if is_across else box.intervaly) for box in boxes)
+        gap = min((after[0] - before[1] for before, after in pairwise(intervals)), default=np.inf)
         if gap >= (_GAP * figure_of(panel).dpi if is_across else 0.0):
             return
         if isinstance(locator, MaxNLocator | FixedLocator):
@@ -334,7 +334,7 @@ def _clear_offset(axis: Axis) -> None:
 def finish(
     panel: Axes,
     page: Page,
-    part: OpenedSweep,
+    cut: OpenedSweep,
     handles: Sequence[Artist] | None = None,
     legend_title: str | None = None,
     record: str | None = None,
@@ -343,18 +343,18 @@ def finish(
     """Put the title above a `Picture` and the legend below it, and return the figure.
 
     In another figure, the panel gets the legend, and a title only if the page has one. `handles`
-    are labelled artists for the legend, by default those of the panel. `part` is the part of the
+    are labelled artists for the legend, by default those of the panel. `cut` is the part of the
     sweep that is shown. `record` replaces the record of the configuration in the title. A map has
     `shares` for `Picture.add_legend`.
     """
     figure = figure_of(panel)
     handles = panel.get_legend_handles_labels()[0] if handles is None else handles
-    handles = [handle for handle in handles if is_seen(handle)]
+    handles = [handle for handle in handles if is_in_view(handle)]
     if page.xlim or page.ylim:
         _refuse_gap(panel, page)
     _set_labels(panel, page)
     if isinstance(figure, Picture):
-        text = title_of(part, record) if page.title is None else page.title
+        text = title_of(cut, record) if page.title is None else page.title
         if text:
             figure.add_title(text)
         if handles and page.legend:

@@ -88,7 +88,7 @@ class Paint(NamedTuple):
                 dashes[tuple(index)] = cell.look.dash
         return dashes
 
-    def mark(self, panel: Axes, x: np.ndarray, y: np.ndarray) -> None:
+    def add_markers(self, panel: Axes, x: np.ndarray, y: np.ndarray) -> None:
         """In grey, give some of the dots the marker of their cells, in a panel with its limits.
 
         `x` and `y` are values of each point, in the shape of ``status`` and one further dimension,
@@ -112,9 +112,9 @@ class Paint(NamedTuple):
             handles.append(line)
         return handles
 
-    def within(self, seen: np.ndarray) -> Paint:
-        """Return the colours of the points that are seen, for the legend."""
-        return self._replace(cells=[cell.within(seen) for cell in self.cells])
+    def within(self, visible: np.ndarray) -> Paint:
+        """Return the colours of the points within limits, for the legend."""
+        return self._replace(cells=[cell.within(visible) for cell in self.cells])
 
     def add_bar(self, panels: Sequence[Axes]) -> None:
         """Add the colour bar, if any value has a colour; an arrow marks values below its range."""
@@ -159,9 +159,9 @@ def paint_of(cut: OpenedSweep, name: str, *, dots: bool = False, grey: bool = Fa
         cells, title = period_cells(*cut.classes, grey=grey, hatched=not dots), labels.CLASSES_TITLE
     elif name == DIRECTION:
         looks = style.DIRECTION_LOOKS[grey]
-        ways = zip(("up", "down"), labels.direction_names(cut), looks, strict=True)
+        rows = zip(("up", "down"), labels.direction_names(cut), looks, strict=True)
         cells = [
-            Cells(text, look, has_value & (variable == way).values) for way, text, look in ways
+            Cells(text, look, has_value & (variable == word).values) for word, text, look in rows
         ]
     elif name in _WORDS:
         numbers = np.where(has_value, variable.values, Status.PENDING)
@@ -203,7 +203,7 @@ def paint_of(cut: OpenedSweep, name: str, *, dots: bool = False, grey: bool = Fa
 
 
 def coloured_points(
-    sweep: OpenedSweep, at: Selection | None, color: contents.Wanted, grey: bool
+    sweep: OpenedSweep, at: Selection | None, color: contents.Numbers, grey: bool
 ) -> tuple[OpenedSweep, Paint]:
     """Return the points that `at` leaves and their colours; refuse a single point.
 

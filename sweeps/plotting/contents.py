@@ -1,4 +1,4 @@
-"""Finds what is drawn by its name: the line, the coordinate, numbers per point (`mean_force`).
+"""Finds what is drawn by its name, or refuses it: line, coordinate, number per point, branches.
 
 This is the only way in which ``quantity``, ``below`` and ``color`` become values, label and units.
 """
@@ -20,8 +20,8 @@ from vibroimpact.oscillator import PARAMETERS
 from vibroimpact.points.regimes import has_result
 from vibroimpact.status import Status
 
-#: A variable of the file by its name, or values computed from the file.
-Wanted = str | xr.DataArray
+#: A number for each point: a variable of the file by its name, or values computed from the file.
+Numbers = str | xr.DataArray
 
 #: The mean force on the stop, which follows from the impulse of the file.
 MEAN_FORCE = "mean_force"
@@ -33,15 +33,15 @@ PEAK_TO_PEAK = "peak_to_peak"
 def numbers_of(sweep: OpenedSweep) -> list[str]:
     """List what has a number for each point, results first; the Lyapunov exponents have two."""
     replaced = PARAMETERS.keys() - sweep.nomenclature.parameters.keys()
-    held = [
+    variables = [
         str(name)
         for name in (*sweep.data.data_vars, *sweep.data.coords)
         if name not in replaced
         and sweep[name].dtype.kind in "biuf"
         and _is_of_points(sweep, sweep[name], "exponent")
     ]
-    follow = [name for name, (sources, _) in _FOLLOWING.items() if set(sources) <= set(held)]
-    return list(dict.fromkeys([*held, *follow]))
+    follow = [name for name, (sources, _) in _FOLLOWING.items() if set(sources) <= set(variables)]
+    return list(dict.fromkeys([*variables, *follow]))
 
 
 def _mean_force(sweep: OpenedSweep) -> xr.DataArray:
@@ -71,15 +71,15 @@ _FOLLOWING = {
 
 
 def _is_of_points(sweep: OpenedSweep, values: xr.DataArray, *further: str) -> bool:
-    own = set(values.dims) - set(further)
-    return bool(own) and own <= set(sweep.grid)
+    dims = set(values.dims) - set(further)
+    return bool(dims) and dims <= set(sweep.grid)
 
 
 def with_number(
-    sweep: OpenedSweep, wanted: Wanted, for_colour: bool = False
+    sweep: OpenedSweep, quantity: Numbers, for_colour: bool = False
 ) -> tuple[OpenedSweep, str]:
-    """Return the dataset with what is wanted, described like a result, and its name there."""
-    sweep, name = (sweep, wanted) if isinstance(wanted, str) else _with_values(sweep, wanted)
+    """Return the dataset with a quantity, described like a result, and its name there."""
+    sweep, name = (sweep, quantity) if isinstance(quantity, str) else _with_values(sweep, quantity)
     further = [DIRECTION] if for_colour and sweep.directions else []
     if name in further:
         return sweep, name
@@ -101,18 +101,18 @@ def _with_values(sweep: OpenedSweep, values: xr.DataArray) -> tuple[OpenedSweep,
     name = str("the DataArray" if values.name is None else values.name)
     over = f"expected: numbers over {listed(sweep.grid)}, as in the Dataset"
     if not _is_of_points(sweep, values):
-        own = listed(map(str, values.dims)) or "no dimension"
-        raise Refused(f"{name} is over {own}; {over}")
+        dims = listed(map(str, values.dims)) or "no dimension"
+        raise Refused(f"{name} is over {dims}; {over}")
     if values.dtype.kind not in "biuf":
         raise Refused(f"{name} holds {values.dtype}; {over}")
     try:
         xr.align(sweep["status"], values, join="exact")
     except ValueError:
         raise Refused(f"{name} is at other values of the axes; {over}") from None
-    is_held = name in sweep and values.variable.equals(sweep[name].variable)
-    held = sweep[name].attrs if is_held else {"long_name": name, "symbol": ""}
-    plain = values.drop_vars([*values.coords]).assign_attrs(held | values.attrs)
-    if is_held and plain.variable.identical(sweep[name].variable):
+    is_variable = name in sweep and values.variable.equals(sweep[name].variable)
+    attrs = sweep[name].attrs if is_variable else {"long_name": name, "symbol": ""}
+    plain = values.drop_vars([*values.coords]).assign_attrs(attrs | values.attrs)
+    if is_variable and plain.variable.identical(sweep[name].variable):
         return sweep, name
     while name in sweep:
         name = f"the given {name}"

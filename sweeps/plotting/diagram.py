@@ -46,8 +46,8 @@ def bifurcation(
     at: Selection | None = None,
     coordinate: str | None = None,
     exact: xr.Dataset | None = None,
-    below: Sequence[contents.Wanted] = (),
-    color: contents.Wanted | None = None,
+    below: Sequence[contents.Numbers] = (),
+    color: contents.Numbers | None = None,
     overlay: Any = None,
     page: Page = PAGE,
     ax: Axes | None = None,
@@ -101,8 +101,8 @@ def bifurcation(
     panel, lower = panels[0], panels[1:]
     labels.label_axis(panels[-1].xaxis, line[axis])
     labels.label_axis(panel.yaxis, labels.as_variable(coordinate, sweep))
-    for below_it, name in zip(lower, names, strict=True):
-        labels.label_axis(below_it.yaxis, line[name], heading=True)
+    for panel_below, name in zip(lower, names, strict=True):
+        labels.label_axis(panel_below.yaxis, line[name], heading=True)
     record = labels.record_text(line, coordinate)
     low, high = motions.draw_points(panel)
     branches, idle = dict[str, list[Line2D]](), list[Artist]()
@@ -110,12 +110,12 @@ def bifurcation(
         branches, idle = motions.draw_exact(panel, exact, page.marks)
         low, high = panel.dataLim.intervaly
     if len(motions.values) > 100:
-        labels.set_ends(panel.xaxis, motions.values.min(), motions.values.max())
+        labels.set_lim(panel.xaxis, motions.values.min(), motions.values.max())
     widen_if_constant(panel.yaxis, low, high)
     page = page.set_limits(panel, fit=True)
-    for below_it, name in zip(lower, names, strict=True):
-        motions.draw_scalar(below_it, name)
-        page.fit_ordinate(below_it)
+    for panel_below, name in zip(lower, names, strict=True):
+        motions.draw_scalar(panel_below, name)
+        page.fit_ordinate(panel_below)
     if paint is not None:
         paint = motions.mark_cells(panels, paint)
     motions.name_directions(panel)
@@ -128,8 +128,8 @@ def bifurcation(
     handles += [*jumps, *name_branches(branches), *idle, *measured]
     figure = canvas.finish(panel, page, line, handles, title, record)
     if motions.dense:
-        parts = motions.values, motions.ways, coordinate, motions.colours, motions.rgba
-        if not draw_density(panel, *parts):
+        arguments = motions.values, motions.directions, coordinate, motions.colours, motions.rgba
+        if not draw_density(panel, *arguments):
             canvas.refuse_limits(page, np.empty(0))
     return figure
 
@@ -139,12 +139,12 @@ _OF_BRANCHES = {"branch", "m", "q", "stable", "impact_phase", "range"}
 
 
 def _with_numbers(
-    sweep: OpenedSweep, below: Sequence[contents.Wanted], color: contents.Wanted | None
+    sweep: OpenedSweep, below: Sequence[contents.Numbers], color: contents.Numbers | None
 ) -> tuple[OpenedSweep, list[str], str | None]:
-    """Return the dataset with what is wanted, the names below, and that of what colours points."""
+    """Return the dataset with the quantities, the names below, and the one that colours points."""
     names, tint = list[str](), None
-    for wanted in below:
-        sweep, name = contents.with_number(sweep, wanted)
+    for quantity in below:
+        sweep, name = contents.with_number(sweep, quantity)
         if name in FLAGS or name in sweep.data.coords:
             why = "its numbers stand for words" if name in FLAGS else "it is no result"
             raise Refused(f"{name} cannot be drawn below a diagram: {why}")
@@ -167,18 +167,18 @@ def _within(chaos: np.ndarray, values: np.ndarray) -> Callable[[np.ndarray], np.
 
 
 class _Motions:
-    """The motions of a diagram: the `ways` in which the `line` was followed, over its `values`."""
+    """The motions of a diagram: the `directions` in which a `line` was followed, over `values`."""
 
     def __init__(
         self, line: OpenedSweep, axis: str, coordinate: str, rgba: np.ndarray | None, grey: bool
     ) -> None:
         """Split a line into its directions; colours of the points have the shape (n, 4)."""
         self.line, self.axis, self.coordinate, self.grey = line, axis, coordinate, grey
-        self.values, self.ways, self.rgba = line[axis].values, line.each_direction, rgba
-        #: Where the motions of all ways are chaotic or unknown.
+        self.values, self.directions, self.rgba = line[axis].values, line.each_direction, rgba
+        #: Where the motions of all directions are chaotic or unknown.
         self.chaos = np.full(len(self.values), all(name in line for name in OF_REGIMES))
-        for way in self.ways if self.chaos.all() else ():
-            self.chaos &= np.isin(way.regimes, NO_CLASS)
+        for direction in self.directions if self.chaos.all() else ():
+            self.chaos &= np.isin(direction.regimes, NO_CLASS)
         self.dots = list[Line2D]()
         self.colours = [style.dot_colour(look.colour) for look in style.DIRECTION_LOOKS[grey]]
         computed = int(has_result(line["status"].values).sum())
@@ -186,48 +186,48 @@ class _Motions:
 
     def draw_points(self, panel: Axes) -> tuple[float, float]:
         """Draw markers, or make room for a density; return the range of the ordinates."""
-        ends = value_ranges(self.ways, self.coordinate)
-        if np.isnan(ends).all():
+        ranges = value_ranges(self.directions, self.coordinate)
+        if np.isnan(ranges).all():
             contents.refuse_empty(self.line, self.coordinate)
         if self.dense:
-            panel.plot(np.repeat(self.values, 2), ends.ravel(), visible=False)
+            panel.plot(np.repeat(self.values, 2), ranges.ravel(), visible=False)
         else:
-            self._mark(panel, self._records())
-        return float(np.nanmin(ends)), float(np.nanmax(ends))
+            self._draw_markers(panel, self._records())
+        return float(np.nanmin(ranges)), float(np.nanmax(ranges))
 
     def _records(self) -> list[np.ndarray]:
         """Return the coordinate in each direction, shape (n, record), NaN without a result."""
         return [
             np.where(
-                has_result(way["status"].values)[:, None],
-                recorded_coordinate(way.data, self.coordinate).values,
+                has_result(direction["status"].values)[:, None],
+                recorded_coordinate(direction.data, self.coordinate).values,
                 np.nan,
             )
-            for way in self.ways
+            for direction in self.directions
         ]
 
-    def _mark(self, panel: Axes, records: Sequence[np.ndarray], **look: Any) -> None:
+    def _draw_markers(self, panel: Axes, records: Sequence[np.ndarray], **props: Any) -> None:
         """Draw values of each direction, shape (n, k); those of both have a colour of their own."""
         colours: Sequence[str | np.ndarray] = self.colours
-        if len(self.ways) == 1:
+        if len(self.directions) == 1:
             colours = [style.data_colour() if self.rgba is None else self.rgba]
-        parts = [(y, np.isfinite(y), tint) for y, tint in zip(records, colours, strict=False)]
-        if len(parts) == 2:
+        layers = [(y, np.isfinite(y), tint) for y, tint in zip(records, colours, strict=False)]
+        if len(layers) == 2:
             dark = style.dot_colour(style.BOTH_COLOUR)
-            look = {"most": 1.6} | look  # thin, so that both directions are seen
+            props = {"most": 1.6} | props  # thin, so that both directions are seen
             up, down = records
             both = agreeing(up, down, self.chaos)
-            apart = [(y, fine & ~b, tint) for (y, fine, tint), b in zip(parts, both, strict=True)]
-            parts = [(y, b, dark) for y, b in zip(records, both, strict=True)] + apart
-        shapes = len(parts) * ["o"]
-        if len(parts) == 4 and self.grey:
-            shapes[2:], look = _MARKERS, look | {"most": 2.6}
-        for (y, where, colour), marker in zip(parts, shapes, strict=True):
+            apart = [(y, fine & ~b, tint) for (y, fine, tint), b in zip(layers, both, strict=True)]
+            layers = [(y, b, dark) for y, b in zip(records, both, strict=True)] + apart
+        shapes = len(layers) * ["o"]
+        if len(layers) == 4 and self.grey:
+            shapes[2:], props = _MARKERS, props | {"most": 2.6}
+        for (y, where, colour), marker in zip(layers, shapes, strict=True):
             x = np.broadcast_to(self.values[:, None], y.shape)[where]
             if not isinstance(colour, str):
                 colour = np.broadcast_to(colour[:, None], (*y.shape, 4))[where]
             before = len(panel.lines)
-            draw_points(panel, x, y[where], colour, marker=marker, **look)
+            draw_points(panel, x, y[where], colour, marker=marker, **props)
             self.dots += panel.lines[before:]
 
     def draw_exact(
@@ -235,40 +235,40 @@ class _Motions:
     ) -> tuple[dict[str, list[Line2D]], list[Artist]]:
         """Draw exact branches; return their lines by name, and a handle that counts the others."""
         exact, idle = without_idle(exact, self.line)
-        is_plain = len(self.ways) == 1 and self.rgba is None and not self.grey
+        is_plain = len(self.directions) == 1 and self.rgba is None and not self.grey
         in_chaos = _within(self.chaos, self.values)
         branches = draw_branches(panel, exact, self.coordinate, is_plain, in_chaos, marks)
         counted = Line2D([], [], linestyle="", label=f"branches not drawn: {idle}")
         return branches, [counted] if idle else []
 
     def mark_cells(self, panels: Sequence[Axes], paint: Paint) -> Paint:
-        """In grey, mark some of the points, of many the last; return the colours of those seen."""
+        """In grey, mark some points, of many the last; return the colours of all within limits."""
         last = slice(-4, None) if self.dense else slice(None)
-        (way,) = (way.isel({ORDINATES[self.coordinate].dimension: last}) for way in self.ways)
-        y = recorded_coordinate(way.data, self.coordinate).values
+        line = self.directions[0].isel({ORDINATES[self.coordinate].dimension: last})
+        y = recorded_coordinate(line.data, self.coordinate).values
         x, (panel, *lower) = np.broadcast_to(self.values[:, None], y.shape), panels
-        paint.mark(panel, x, y)
+        paint.add_markers(panel, x, y)
         if lower or self.dense:  # panels below have other ordinates, and a density has more
             y = np.full(y.shape, panel.get_ylim()[0])
-        seen = in_view(panel, x, y)
-        return paint.within(np.asarray(seen.any(axis=1)))
+        visible = in_view(panel, x, y)
+        return paint.within(np.asarray(visible.any(axis=1)))
 
     def name_directions(self, panel: Axes) -> None:
-        """Name the colours of the directions that are seen, with the symbol of the axis."""
-        if len(self.ways) == 1:
+        """Name the colours of the directions within limits, with the symbol of the axis."""
+        if len(self.directions) == 1:
             return
-        seen = {dots.get_color() for dots in self.dots if canvas.is_seen(dots)}
+        visible = {dots.get_color() for dots in self.dots if canvas.is_in_view(dots)}
         texts = *labels.direction_names(self.line), "both"
         colours = *self.colours, style.dot_colour(style.BOTH_COLOUR)
         shapes = (*_MARKERS, "o") if self.grey and not self.dense else 3 * ("o",)
         for text, colour, shape in zip(texts, colours, shapes, strict=True):
-            if self.dense or colour in seen:
+            if self.dense or colour in visible:
                 marker = "s" if self.dense else shape
                 panel.plot([], [], marker, color=colour, markersize=4, label=text)
 
     def draw_jumps(self, panel: Axes) -> list[Artist]:
         """Draw an arrow where a motion that was followed ends, unless a density is drawn."""
-        if len(self.ways) != 2 or self.dense:
+        if len(self.directions) != 2 or self.dense:
             return []
         order = np.argsort(self.values)
         up, down = (record[order] for record in self._records())
@@ -284,17 +284,18 @@ class _Motions:
     def draw_scalar(self, panel: Axes, name: str) -> None:
         """Draw a scalar, or both Lyapunov exponents, over the axis."""
         columns = [
-            np.asarray(way[name].values, float).reshape(len(self.values), -1) for way in self.ways
+            np.asarray(direction[name].values, float).reshape(len(self.values), -1)
+            for direction in self.directions
         ]
         if name == "period":
             columns = [np.where(y > 0.0, y, np.nan) for y in columns]  # 0: no class
         contents.refuse_without_value(columns, name)
         size = float(np.clip(250.0 / len(self.values), 0.8, 2.5))
         for exponent, share in zip(range(columns[0].shape[1]), _EXPONENTS, strict=False):
-            self._mark(panel, [y[:, [exponent]] for y in columns], size=share * size)
+            self._draw_markers(panel, [y[:, [exponent]] for y in columns], size=share * size)
         if name == "lyapunov":
             panel.axhline(0.0, color=style.ink(), linewidth=0.6, zorder=1)
-            is_plain = len(self.ways) == 1 and self.rgba is None
+            is_plain = len(self.directions) == 1 and self.rgba is None
             colour = style.data_colour() if is_plain else style.dot_colour(style.BOTH_COLOUR)
             for text, share in zip((r"$\lambda_1$", r"$\lambda_2$"), _EXPONENTS, strict=True):
                 panel.plot([], [], "o", color=colour, markersize=4 * share, label=text)

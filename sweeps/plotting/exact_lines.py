@@ -1,4 +1,4 @@
-"""Exact branches as lines over a diagram; curves and their special points over a map."""
+"""Draws exact branches over a diagram; curves and their special points over a map."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ MARKERS = {"flip": "o", "fold": "s", "graze": "^"}
 _BRANCHES_IN_FULL = 12
 #: Look of the lines over points of one colour and of several colours, which thin lines leave
 #: visible.
-_OVER_ONE: dict[str, Any] = {"color": VERMILION, "linewidth": 1.0}
+_OVER_ONE_COLOUR: dict[str, Any] = {"color": VERMILION, "linewidth": 1.0}
 _OVER_COLOURS: dict[str, Any] = {"linewidth": 0.4}
 _THIN_BRANCHES: dict[str, Any] = {"linewidth": 0.3, "alpha": 0.5}
 
@@ -84,23 +84,23 @@ def without_idle(branches: xr.Dataset, line: OpenedSweep) -> tuple[xr.Dataset, i
     if count <= _BRANCHES_IN_FULL or branches.attrs.get("chosen") or "period" not in line:
         return branches, 0
     _, m, q = (each.ravel() for each in line.classes)
-    places = line[axis].broadcast_like(line["status"]).transpose(*line.grid).values
+    axis_values = line[axis].broadcast_like(line["status"]).transpose(*line.grid).values
     numbers, kinds, values = (branches[name].values for name in ("branch", "kind", axis))
     is_goal = np.zeros(count, bool)
     for number in range(count):
         of_branch = numbers == number
         x = values[of_branch & branches["stable"].values]
         first = branches.isel(point=int(np.argmax(of_branch)))
-        seen = places.ravel()[(m == first["m"].item()) & (q == first["q"].item())]
-        is_goal[number] = len(x) > 0 and ((x.min() <= seen) & (seen <= x.max())).any()
+        of_class = axis_values.ravel()[(m == first["m"].item()) & (q == first["q"].item())]
+        is_goal[number] = len(x) > 0 and ((x.min() <= of_class) & (of_class <= x.max())).any()
     low, high = branches.attrs["range"]
     meetings = list(zip(kinds, np.rint(1e7 * (values - low) / (high - low)), strict=True))
     special = np.isin(kinds, [*MARKERS])
     of_goals = {meetings[i] for i in np.flatnonzero(special & is_goal[numbers])}
     is_goal[[numbers[i] for i in np.flatnonzero(special) if meetings[i] in of_goals]] = True
-    kept = branches.isel(point=is_goal[numbers])
-    _, renumbered = np.unique(kept["branch"].values, return_inverse=True)
-    return kept.assign(branch=("point", renumbered)), int(count - is_goal.sum())
+    subset = branches.isel(point=is_goal[numbers])
+    _, renumbered = np.unique(subset["branch"].values, return_inverse=True)
+    return subset.assign(branch=("point", renumbered)), int(count - is_goal.sum())
 
 
 def _breaks(branch: xr.Dataset, coordinate: str) -> list[int]:
@@ -130,23 +130,23 @@ def draw_branches(
     The lines are thin and have the colour of texts unless the ground `is_plain`, in one colour.
     Unstable orbits at values of the axis `in_chaos` are drawn thinly.
     """
-    look = _OVER_ONE if is_plain else {"color": ink(), **_OVER_COLOURS}
+    props = _OVER_ONE_COLOUR if is_plain else {"color": ink(), **_OVER_COLOURS}
     lines: dict[str, list[Line2D]] = {name: [] for name in (*LINES, _THIN_LINES, *MARKERS)}
     for name, x, y, thin, _ in branch_pieces(branches, coordinate):
         hidden = in_chaos(x)
         if name in LINES:
             faint = (hidden & (name == UNSTABLE) | thin).tolist()
             for start, stop, is_faint in runs(faint):
-                run, of = slice(start, stop + 1), _THIN_LINES if is_faint else name
-                stroke = look | _THIN_BRANCHES if is_faint else look
-                lines[of] += panel.plot(
-                    x[run], y[run], zorder=4, label="_", ls=LINES[name], **stroke
+                run, line_name = slice(start, stop + 1), _THIN_LINES if is_faint else name
+                run_props = props | _THIN_BRANCHES if is_faint else props
+                lines[line_name] += panel.plot(
+                    x[run], y[run], zorder=4, label="_", ls=LINES[name], **run_props
                 )
             continue
         if marks:
-            places = np.broadcast_to(x[:, None], y.shape)
-            (dots,) = panel.plot(places[np.isfinite(y)], y[np.isfinite(y)], MARKERS[name], zorder=5)
-            dots.set(color=look["color"], markerfacecolor=ground(), markersize=3.0, label="_")
+            x_of_y = np.broadcast_to(x[:, None], y.shape)
+            (dots,) = panel.plot(x_of_y[np.isfinite(y)], y[np.isfinite(y)], MARKERS[name], zorder=5)
+            dots.set(color=props["color"], markerfacecolor=ground(), markersize=3.0, label="_")
             dots.set_markeredgewidth(0.6)
             lines[name].append(dots)
     return lines
@@ -158,19 +158,19 @@ def without_gaps(mask: np.ndarray, width: int) -> np.ndarray:
 
     window = np.ones(width, bool)
     padded = binary_closing(np.pad(mask, width, mode="edge"), window)
-    kept: np.ndarray = binary_opening(padded, window)[width:-width]
-    return kept
+    result: np.ndarray = binary_opening(padded, window)[width:-width]
+    return result
 
 
 def name_branches(lines: Mapping[str, Sequence[Line2D]]) -> list[Line2D]:
     """Label one line of each name that is within the limits of its panel; return these."""
-    seen = []
+    entries = []
     for name, of_name in lines.items():
-        for line in filter(canvas.is_seen, of_name):
+        for line in filter(canvas.is_in_view, of_name):
             line.set_label(name)
-            seen.append(line)
+            entries.append(line)
             break
-    return seen
+    return entries
 
 
 #: If there are more curves, only those that bound a class with a colour of its own are drawn.
@@ -194,11 +194,11 @@ class _Piece(NamedTuple):
 
 
 def _pieces(
-    curves: xr.Dataset, cut: OpenedSweep, wanted: Container[tuple[int, int]] | None
+    curves: xr.Dataset, cut: OpenedSweep, allowed: Container[tuple[int, int]] | None
 ) -> Iterator[_Piece]:
     """Yield the curves in pieces that bound a motion of the map, and others.
 
-    A piece bounds a motion if a cell with the class of its orbit, if it is `wanted`, and one
+    A piece bounds a motion if a cell with the class of its orbit, if it is `allowed`, and one
     without it, are within one cell.
     """
     from scipy.ndimage import maximum_filter
@@ -218,7 +218,7 @@ def _pieces(
         before = (1, 0) if q == 1 else (m, q - 1)  # of a graze
         bounds = np.zeros(len(fine), bool)
         for mq in {(m, q), before if kind == "graze" else (m, q)}:
-            if wanted is not None and mq not in wanted:
+            if allowed is not None and mq not in allowed:
                 continue
             mask = (classes == np.reshape(mq, (2, 1, 1))).all(axis=0)
             near, other = (maximum_filter(each, 3, mode="nearest") for each in (mask, ~mask))
@@ -253,15 +253,15 @@ def draw_curves(
     is_many = len(kinds) > _CURVES_IN_FULL
     pieces = list(_pieces(curves, cut, CLASSES if is_many else None))
     bounding = {piece.number for piece in pieces if piece.bounds}
-    pieces = [piece for piece in pieces if _is_in_view(panel, piece.points)]
+    pieces = [piece for piece in pieces if _is_line_in_view(panel, piece.points)]
     further = {piece.number for piece in pieces} - bounding
     pieces = [piece for piece in pieces if not is_many or piece.number in bounding]
     strong = [piece for piece in pieces if piece.bounds]
     bold: dict[str, Any] = {"color": ink(), "linewidth": 0.8}
     edge = [withStroke(linewidth=_EDGE, foreground=ground(), alpha=0.9)]  # on cells of any colour
     for piece in pieces:
-        look = {"path_effects": edge, "zorder": 4, **bold} if piece.bounds else _THIN_CURVES
-        panel.plot(*piece.points.T, ls=_CURVES[kinds[piece.number]], **look)
+        props = {"path_effects": edge, "zorder": 4, **bold} if piece.bounds else _THIN_CURVES
+        panel.plot(*piece.points.T, ls=_CURVES[kinds[piece.number]], **props)
     panel.set(xlim=limits[0], ylim=limits[1])
     shares = dict[Artist, float]()
     for kind, dashes in _CURVES.items():
@@ -277,7 +277,7 @@ def draw_curves(
     return shares
 
 
-def _is_in_view(panel: Axes, line: np.ndarray) -> bool:
+def _is_line_in_view(panel: Axes, line: np.ndarray) -> bool:
     """Whether any part of a line is within the limits of a panel."""
     return Path(in_panel(panel, line)).intersects_bbox(Bbox.unit(), filled=False)
 
@@ -289,10 +289,10 @@ def _share_of(panel: Axes, lines: Sequence[np.ndarray], width: float) -> float:
     length = 0.0
     for line in lines:
         shares = Path(in_panel(panel, line))
-        places = np.asarray(shares.interpolated(_PER_CELL * _GAP).vertices, float)
-        middles = 0.5 * (places[1:] + places[:-1])
+        points = np.asarray(shares.interpolated(_PER_CELL * _GAP).vertices, float)
+        middles = 0.5 * (points[1:] + points[:-1])
         inside = ((middles >= 0.0) & (middles <= 1.0)).all(axis=1)
-        length += float(np.hypot(*(size * np.diff(places, axis=0)[inside]).T).sum())
+        length += float(np.hypot(*(size * np.diff(points, axis=0)[inside]).T).sum())
     return length * width * point / size.prod()
 
 

@@ -1,4 +1,4 @@
-"""Draws measures of integrity over a parameter, basins with knocks."""
+"""Draws measures of integrity over a parameter; basins with discs, knocks."""
 
 from __future__ import annotations
 
@@ -115,7 +115,7 @@ def integrity(
         handles += _handles_of_profile(profile.values(), table, of_basins, looks, line, along[0])
     if basins is not None:
         if along:
-            handles += _mark_place(profile.values(), basins, line[along[0]], starts)
+            handles += _mark_value(profile.values(), basins, line[along[0]], starts)
         handles += _draw_disturbances(basins, starts, point_result, regions)
     panel = by_name[names[0]] if basins is None else basins
     title = labels.CLASSES_TITLE if basins is None else labels.basins_title(line)
@@ -141,16 +141,16 @@ def _panels_for(
     return panels
 
 
-def _mark_place(
+def _mark_value(
     profile: Iterable[Axes], basins: Axes, axis: xr.DataArray, starts: OpenedSweep
 ) -> list[Artist]:
     """Mark the value of the axis at which the basins are; return a handle if there is a mark."""
     here = float(starts[str(axis.name)])
     text = f"basins at {labels.equation(axis.symbol, axis, here)}"
     basins.set_title(text, loc="left")
-    look: dict[str, Any] = {"color": ink(), "linewidth": 0.6, "linestyle": ":"}
-    lines = [panel.axvline(here, **look) for panel in profile]
-    return [Line2D([], [], label=text, **look)] if lines else []
+    props: dict[str, Any] = {"color": ink(), "linewidth": 0.6, "linestyle": ":"}
+    lines = [panel.axvline(here, **props) for panel in profile]
+    return [Line2D([], [], label=text, **props)] if lines else []
 
 
 def _handles_of_profile(
@@ -161,32 +161,32 @@ def _handles_of_profile(
     line: OpenedSweep,
     axis: str,
 ) -> list[Artist]:
-    """Return the entries of the legend for what is seen in the profile and not in the basins.
+    """Return the entries of the legend for what the profile shows and the basins do not.
 
     In grey, these are all: lines have dashes and markers, not the hatches of basins. So are those
     that are darker than their basins.
     """
-    parts = [part for panel in panels for part in panel.lines if canvas.is_seen(part)]
-    seen = {(part.get_color(), looks.grey and part.get_marker()) for part in parts}
+    lines = [each for panel in panels for each in panel.lines if canvas.is_in_view(each)]
+    visible = {(each.get_color(), looks.grey and each.get_marker()) for each in lines}
     of_basins = {looks.look(row) for row in of_regions}
     of_basins = set() if looks.grey else {look for look in of_basins if look.dots == look.colour}
     handles, series = list[Artist](), looks.by_look(table)
     for rows, names in zip(series, names_of(series, line, line[axis]), strict=True):
         look = looks.look(rows[0])
-        if look not in of_basins and (look.dots, looks.grey and look.marker) in seen:
+        if look not in of_basins and (look.dots, looks.grey and look.marker) in visible:
             text = "".join(names) if looks.has_own(rows[0]) else "other periodic attractors"
             dashes: dict[str, Any] = {"linestyle": look.dash, "linewidth": 1.0}
-            dashed = Line2D([], [], label=text, **dashes, **_of_points(look, looks.grey))
+            dashed = Line2D([], [], label=text, **dashes, **_marker_of(look, looks.grey))
             patch = Cells(text, look, np.empty(0)).handle()
             handles.append(dashed if looks.grey or look.dots != look.colour else patch)
-    if any(part.get_markerfacecolor() == ground() for part in parts):
+    if any(each.get_markerfacecolor() == ground() for each in lines):
         text, marker = ("hollow: ", "o") if looks.grey else ("", _BOUND_MARKER)
         shape: dict[str, Any] = {"marker": marker, "ls": "", "markersize": 4.0, "mfc": ground()}
         handles.append(Line2D([], [], color=ink(), label=f"{text}lower bound", **shape))
     return handles
 
 
-def _of_points(look: Look, grey: bool) -> dict[str, Any]:
+def _marker_of(look: Look, grey: bool) -> dict[str, Any]:
     """Return the settings of matplotlib for the marks of a line; in grey, they have a shape."""
     return {"color": look.dots, "marker": look.marker, "markersize": 3.0 if grey else 2.5}
 
@@ -212,12 +212,12 @@ def _draw_profile(
         values = line_result[name].where(line_result["integrity_factor"].notnull())
         lines.append([])
         for number in {row.number: None for row in table}:
-            mine = line_result["number"] == number
-            y = values.where(mine).max("coexisting").values
-            bound = (mine & is_bound & values.notnull()).any("coexisting").values
+            of_attractor = line_result["number"] == number
+            y = values.where(of_attractor).max("coexisting").values
+            bound = (of_attractor & is_bound & values.notnull()).any("coexisting").values
             rows = [row for row in table if row.number == number]
             lines[-1] += _draw_lines(panel, line_result[axis].values, y, bound, rows, axis, looks)
-        labels.set_ends(panel.yaxis, 0.0, 1.1 * float(values.max().fillna(0.0)) or 1.0)
+        labels.set_lim(panel.yaxis, 0.0, 1.1 * float(values.max().fillna(0.0)) or 1.0)
     return lines
 
 
@@ -233,17 +233,17 @@ def _draw_lines(
     """Draw a measure of one attractor over the axis, a line for each of its looks; return these."""
     lines = []
     for series in looks.by_look(rows):
-        here = np.isin(x, [row.parameters[axis] for row in series])
-        to_next = here | np.append(False, here[:-1])
+        of_series = np.isin(x, [row.parameters[axis] for row in series])
+        to_next = of_series | np.append(False, of_series[:-1])
         look = looks.look(series[0])
-        marks = _of_points(look, looks.grey)
+        markers = _marker_of(look, looks.grey)
         line: dict[str, Any] = {"linewidth": 1.0, "linestyle": look.dash, "color": look.dots}
         panel.plot(x, np.where(to_next, y, np.nan), **line)
-        panel.plot(x, np.where(here & ~bound, y, np.nan), linestyle="", **marks)
-        marks |= {"marker": look.marker if looks.grey else _BOUND_MARKER}
-        marks |= {"markersize": 4.0, "markerfacecolor": ground()}
-        panel.plot(x, np.where(here & bound, y, np.nan), linestyle="", **marks)
-        lines.append((classes_text(series), np.stack([x, np.where(here, y, np.nan)], axis=1)))
+        panel.plot(x, np.where(of_series & ~bound, y, np.nan), linestyle="", **markers)
+        markers |= {"marker": look.marker if looks.grey else _BOUND_MARKER}
+        markers |= {"markersize": 4.0, "markerfacecolor": ground()}
+        panel.plot(x, np.where(of_series & bound, y, np.nan), linestyle="", **markers)
+        lines.append((classes_text(series), np.stack([x, np.where(of_series, y, np.nan)], axis=1)))
     return lines
 
 
@@ -252,29 +252,29 @@ def _draw_disturbances(
 ) -> list[Artist]:
     """Draw discs, knocks and the attractors at the section; return their handles."""
     looks, is_exact = regions.looks, starts.spec.impact == "exact"
-    line: dict[str, Any] = {"color": ink(), "linewidth": 0.8}
-    line["path_effects"] = [withStroke(linewidth=2.0, foreground=ground())]  # on a dark basin
+    props: dict[str, Any] = {"color": ink(), "linewidth": 0.8}
+    props["path_effects"] = [withStroke(linewidth=2.0, foreground=ground())]  # on a dark basin
     rows, others = looks.split(regions.table)
     names = names_of([[row] for row in rows], starts)
-    places = {
-        row.number: place.replace("\n", " ") for row, (_, place) in zip(rows, names, strict=True)
+    hints = {
+        row.number: hint.replace("\n", " ") for row, (_, hint) in zip(rows, names, strict=True)
     }
     if is_exact:
-        result = with_cache(knocks)(starts, result, list(places))
+        result = with_cache(knocks)(starts, result, list(hints))
     handles, discs = list[Artist](), list[Ellipse]()
     for row in attractor_rows(starts, result):
         measures = row.measures
-        if row.number not in places or not measures["integrity_factor"] > 0.0:
+        if row.number not in hints or not measures["integrity_factor"] > 0.0:
             continue  # no attractor, or none with a colour of its own
         centre, size = (measures["disc_x"], measures["disc_v"]), 2.0 * measures["integrity_factor"]
         discs.append(Ellipse(centre, size, size * starts.oscillator.p, fill=False))
-        panel.add_patch(discs[-1]).set(**line)
+        panel.add_patch(discs[-1]).set(**props)
         if is_exact and math.isfinite(measures["knock_harmful"]):
             number = len(handles) + 1 if looks.grey else None
             colour = looks.look(row).dots
-            handles.append(_draw_knock(panel, starts, row, places[row.number], colour, number))
+            handles.append(_draw_knock(panel, starts, row, hints[row.number], colour, number))
     if any(panel.bbox.overlaps(disc.get_window_extent()) for disc in discs):
-        disc_handle = Line2D([], [], marker="o", fillstyle="none", label="largest disc", **line)
+        disc_handle = Line2D([], [], marker="o", fillstyle="none", label="largest disc", **props)
         handles.insert(0, disc_handle)
     if others:
         text = f"no disc and no knock for {shown_count(len(others), 'other attractor')}"
@@ -283,7 +283,7 @@ def _draw_disturbances(
 
 
 def _draw_knock(
-    panel: Axes, starts: OpenedSweep, row: AttractorRow, place: str, colour: str, number: int | None
+    panel: Axes, starts: OpenedSweep, row: AttractorRow, hint: str, colour: str, number: int | None
 ) -> Line2D:
     """Draw the least knock of an attractor as an arrow, in grey with a number; return a handle."""
     phase, x, v, size = (row.measures[f"knock_{name}"] for name in ("phase", "x", "v", "harmful"))
@@ -291,25 +291,25 @@ def _draw_knock(
         _at_section(starts.oscillator, phase, x, v + dv, starts.spec.phase) for dv in (0.0, size)
     )
     colour, edge = (colour, ink()) if number is None else (ink(), ground())
-    look: dict[str, Any] = {"color": colour, "linewidth": 1.2}
+    props: dict[str, Any] = {"color": colour, "linewidth": 1.2}
     around = [withStroke(linewidth=2.4, foreground=edge)]
-    arrow = {"arrowstyle": "->", "path_effects": around, **look}
+    arrow = {"arrowstyle": "->", "path_effects": around, **props}
     panel.annotate("", end, begin, size="small", arrowprops=arrow)
     if number is not None:  # which arrow it is, beside the mark where it begins
         middle = float(np.mean(panel.get_xlim()))
         beside = 8.0 * np.sign(middle - begin[0]), 8.0 * np.sign(begin[1] - end[1])
         circle = {"boxstyle": "circle,pad=0.15", "fc": edge, "ec": colour, "lw": 0.6}
-        written = panel.annotate(str(number), begin, beside, textcoords="offset points")
-        written.set(size="x-small", ha="center", va="center", bbox=circle)
+        digit = panel.annotate(str(number), begin, beside, textcoords="offset points")
+        digit.set(size="x-small", ha="center", va="center", bbox=circle)
     unit = labels.named_unit(labels.as_variable("v0", starts))
     change, turned = labels.mathtext(size, "+.4g"), labels.mathtext(phase, ".4g")
-    text = f"least knock, {row.name}{place}:" + ("\n" if place else " ")
+    text = f"least knock, {row.name}{hint}:" + ("\n" if hint else " ")
     text += rf"${change}${unit and f' {unit}'} at $\omega t={turned}$"
     text += ", fractal" if row.measures["knock_fractal"] else ""
     # matplotlib draws no arrow to a state beyond the limits.
     text += "" if panel.viewLim.contains(*end) else ", beyond the limits"
     marker = r"$\rightarrow$" if number is None else f"${number}$"
-    return Line2D([], [], marker=marker, linestyle="", label=text, **look)
+    return Line2D([], [], marker=marker, linestyle="", label=text, **props)
 
 
 def _at_section(

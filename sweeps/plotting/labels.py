@@ -40,11 +40,11 @@ _PREFIXES = ((1e-4, "m", 1e-3), (1e-7, _MICRO, 1e-6), (1e-10, "n", 1e-9))
 _JOINT = "\N{NO-BREAK SPACE}"
 
 
-def as_variable(name: str, of: Names) -> xr.DataArray:
+def as_variable(name: str, source: Names) -> xr.DataArray:
     """Return the attributes of a variable, or a parameter as a reader sees it, as a DataArray."""
-    seen = of if isinstance(of, Nomenclature) else of.nomenclature
-    about = seen.about(name) if name in PARAMETERS else {**VARIABLES, **ORDINATES}[name]
-    units = seen.unit(about.unit)
+    nomenclature = source if isinstance(source, Nomenclature) else source.nomenclature
+    about = nomenclature.about(name) if name in PARAMETERS else {**VARIABLES, **ORDINATES}[name]
+    units = nomenclature.unit(about.unit)
     return xr.DataArray(attrs={"long_name": about.meaning, "units": units, "symbol": about.symbol})
 
 
@@ -76,33 +76,33 @@ def mathtext(value: float, form: str = ".6g") -> str:
     return rf"{mantissa}\times10^{{{int(exponent)}}}" if e else mantissa
 
 
-def prefix_of(variable: xr.DataArray, size: float, written: str | None = None) -> tuple[str, float]:
+def prefix_of(variable: xr.DataArray, size: float, text: str | None = None) -> tuple[str, float]:
     """Return the prefix that keeps a length or a speed of this size short, and its factor.
 
-    It is that of the unit in brackets if a label is written, and it has one.
+    It is that of the unit in brackets if the `text` of a label has one.
     """
-    own = variable.attrs.get("units")
-    if own in _PREFIXED:
-        for unit in re.findall(r"[\[(]\s*([^\s\])]+)\s*[\])]", _plain(written or "")):
+    base = variable.attrs.get("units")
+    if base in _PREFIXED:
+        for unit in re.findall(r"[\[(]\s*([^\s\])]+)\s*[\])]", _plain(text or "")):
             if unit in units_of(variable):
-                return unit.removesuffix(own), units_of(variable)[unit]
+                return unit.removesuffix(base), units_of(variable)[unit]
         for least, prefix, factor in _PREFIXES:
             if least <= abs(size) < 1000.0 * least:
                 return prefix, factor
     return "", 1.0
 
 
-def _plain(written: str) -> str:
+def _plain(text: str) -> str:
     """Return a label with its units as they are known, without mathtext."""
-    return written.replace(r"\mu", _MICRO).replace(_MU, _MICRO).replace("$", "").replace("²", "^2")
+    return text.replace(r"\mu", _MICRO).replace(_MU, _MICRO).replace("$", "").replace("²", "^2")
 
 
 def units_of(variable: xr.DataArray) -> dict[str, float]:
     """Return the units in which a variable can be given, its own first, in its own unit."""
-    own = variable.attrs.get("units", "")
-    units = {own: 1.0} if own in ("1", "rad") or unit_name(own) else {}
-    if own in _PREFIXED:
-        units |= {prefix + own: factor for _, prefix, factor in _PREFIXES} | {f"u{own}": 1e-6}
+    base = variable.attrs.get("units", "")
+    units = {base: 1.0} if base in ("1", "rad") or unit_name(base) else {}
+    if base in _PREFIXED:
+        units |= {prefix + base: factor for _, prefix, factor in _PREFIXES} | {f"u{base}": 1e-6}
     return units
 
 
@@ -145,13 +145,13 @@ def method_text(spec: RunSpec) -> list[str]:
 
 def title(part: OpenedSweep, record: str | None = None) -> str:
     """Write the title of a picture: name, parameters that are not the defaults, record, method."""
-    spec, seen = part.spec, part.nomenclature
-    usual = {name: parameter.default for name, parameter in seen.parameters.items()}
+    spec, nomenclature = part.spec, part.nomenclature
+    usual = {name: parameter.default for name, parameter in nomenclature.parameters.items()}
     if "a" in part and bool((part["a"] > 0.0).any()):
-        usual[seen.name("f")] = 0.0  # the base alone may shake the mass
+        usual[nomenclature.name("f")] = 0.0  # the base alone may shake the mass
     parts = [
         equation(parameter.symbol, part[name], float(part[name]))
-        for name, parameter in seen.parameters.items()
+        for name, parameter in nomenclature.parameters.items()
         if not part[name].dims and float(part[name]) != usual[name]
     ]
     if spec.followed is not None and len(part.directions) < 2:  # else it is in the legend
@@ -166,8 +166,8 @@ def title(part: OpenedSweep, record: str | None = None) -> str:
 
 def followed(part: OpenedSweep) -> str:
     """Write in which directions, and along which axis, the motions of a picture were followed."""
-    ways = part[DIRECTION] if DIRECTION in part else part.spec.directions
-    return f"followed {' and '.join(np.atleast_1d(ways))} along ${part.followed_symbol}$"
+    directions = part[DIRECTION] if DIRECTION in part else part.spec.directions
+    return f"followed {' and '.join(np.atleast_1d(directions))} along ${part.followed_symbol}$"
 
 
 def direction_names(sweep: OpenedSweep) -> tuple[str, str]:
@@ -187,55 +187,55 @@ def log_spaced(values: np.ndarray) -> bool:
 class _Prefixed(ticker.Formatter):
     """Writes ticks that have a unit; a length or a speed has a prefix, also in the label.
 
-    The prefix follows the limits of the axis; `written` writes the numbers in front of it.
+    The prefix follows the limits of the axis; `plain` writes the numbers in front of it.
     """
 
     def __init__(
-        self, axis: Axis, variable: xr.DataArray, written: ticker.Formatter, text: Text
+        self, axis: Axis, variable: xr.DataArray, plain: ticker.Formatter, text: Text
     ) -> None:
-        self._of, self.variable, self._written, self._text = axis, variable, written, text
+        self._axis, self.variable, self._plain, self._text = axis, variable, plain, text
         self._prefix, self._factor = "", 1.0
-        self._kept: tuple[str, float] | None = None
-        written.axis = None
-        written.create_dummy_axis()
+        self._fixed: tuple[str, float] | None = None
+        plain.axis = None
+        plain.create_dummy_axis()
 
-    def keep(self, unit: str, written: str | None) -> float:
+    def keep(self, unit: str, text: str | None) -> float:
         """Keep a unit for the ticks, by default of a label or of the limits; return its factor."""
-        size = np.abs(self._of.get_view_interval()).max()
-        asked = f"[{unit.replace('u', _MICRO)}]" if unit else written
-        self._kept = prefix_of(self.variable, size, asked)
-        return self._kept[1]
+        size = np.abs(self._axis.get_view_interval()).max()
+        label_text = f"[{unit.replace('u', _MICRO)}]" if unit else text
+        self._fixed = prefix_of(self.variable, size, label_text)
+        return self._fixed[1]
 
     def set_locs(self, locs: Any) -> None:
         """Choose the prefix for the limits of the axis."""
-        ends = np.array(self._of.get_view_interval())
+        limits = np.array(self._axis.get_view_interval())
         text, old = self._text.get_text(), label(self.variable, self._prefix)
-        written = None if text == old else text
-        chosen = prefix_of(self.variable, np.abs(ends).max(), written)
-        self._prefix, self._factor = self._kept or chosen
-        if written is None:
+        custom = None if text == old else text
+        chosen = prefix_of(self.variable, np.abs(limits).max(), custom)
+        self._prefix, self._factor = self._fixed or chosen
+        if custom is None:
             self._text.set_text(label(self.variable, self._prefix))
-        assert self._written.axis is not None
-        self._written.axis.set_view_interval(*ends / self._factor)
-        self._written.set_locs((np.asarray(locs) / self._factor).tolist())
+        assert self._plain.axis is not None
+        self._plain.axis.set_view_interval(*limits / self._factor)
+        self._plain.set_locs((np.asarray(locs) / self._factor).tolist())
 
     def __call__(self, x: float, pos: int | None = None) -> str:
         """Write a tick."""
-        return self._written(x / self._factor, pos)
+        return self._plain(x / self._factor, pos)
 
     def get_offset(self) -> str:
         """Return the common part of all ticks."""
-        return self._written.get_offset()
+        return self._plain.get_offset()
 
 
 def in_own_unit(
-    axis: Axis, name: str, limits: tuple[float, float], unit: str, written: str | None
+    axis: Axis, name: str, limits: tuple[float, float], unit: str, text: str | None
 ) -> tuple[float, float]:
     """Return limits in the unit of the variable; given in a unit, by default that of the ticks."""
     if unit:
         check_units(axis, f"{name} = {limits[0]:g}:{limits[1]:g}", f"[{unit}]", False)
     formatter = axis.get_major_formatter()
-    factor = formatter.keep(unit, written) if isinstance(formatter, _Prefixed) else 1.0
+    factor = formatter.keep(unit, text) if isinstance(formatter, _Prefixed) else 1.0
     return limits[0] * factor, limits[1] * factor
 
 
@@ -258,19 +258,19 @@ def label_axis(axis: Axis, variable: xr.DataArray, heading: bool = False) -> Tex
     if logarithmic:
         axis.axes.set(**{"xscale" if axis is axis.axes.xaxis else "yscale": "log"})
         tick_in_decades(axis)
-    written = ticker.StrMethodFormatter("{x:g}") if logarithmic else ticker.ScalarFormatter()
-    describe(axis, variable, text, written)
+    formatter = ticker.StrMethodFormatter("{x:g}") if logarithmic else ticker.ScalarFormatter()
+    describe(axis, variable, text, formatter)
     return text
 
 
-def describe(axis: Axis, variable: xr.DataArray, text: Text, written: ticker.Formatter) -> None:
-    """Describe a variable beside its axis; ticks with a named unit are `written` with a prefix."""
+def describe(axis: Axis, variable: xr.DataArray, text: Text, formatter: ticker.Formatter) -> None:
+    """Describe a variable beside its axis; ticks with a named unit have a prefix."""
     text.set(text=label(variable), wrap=True)
     if named_unit(variable):
-        axis.set_major_formatter(_Prefixed(axis, variable, written, text))
+        axis.set_major_formatter(_Prefixed(axis, variable, formatter, text))
 
 
-def set_ends(axis: Axis, low: float, high: float) -> None:
+def set_lim(axis: Axis, low: float, high: float) -> None:
     """Set the least and the greatest value of an axis, which stays inverted if it is."""
     set_limits = axis.axes.set_xlim if axis is axis.axes.xaxis else axis.axes.set_ylim
     set_limits(*((high, low) if axis.get_inverted() else (low, high)))

@@ -65,18 +65,18 @@ def fit_legend(
         return 1.0 if shares is None else shares[handle]
 
     heights = list[float]()
-    for entries, look in forms:
+    for entries, sizes in forms:
         rare = [handle for handle in reversed(entries) if share(handle) < COMMON]
         rare.sort(key=share)
-        legend = _fitted(partial(make, title=title, **look), entries, rare, usual, shares)
+        legend = _fitted(partial(make, title=title, **sizes), entries, rare, usual, shares)
         size, room = legend.get_window_extent(), (widest, usual[1]) if shrinks else most
         if size.width <= room[0] and size.height <= room[1]:
             return legend
         legend.remove()
         heights.append(size.height if size.width <= widest else math.inf)
-    entries, look = forms[heights.index(min(heights))]
+    entries, sizes = forms[heights.index(min(heights))]
     spare = sorted(reversed(entries), key=share)[:-1]
-    make = partial(make, title=title if shrinks else None, **look)
+    make = partial(make, title=title if shrinks else None, **sizes)
     return _fitted(make, entries, spare, most, shares)
 
 
@@ -91,9 +91,9 @@ def _broken(handles: Sequence[Artist]) -> list[Artist]:
 
 
 def in_two_lines(text: str) -> str:
-    """Break a text at the space nearest to its middle, if there is one outside of formulas."""
-    spaces = [at for at, one in enumerate(text) if one == " " and text[:at].count("$") % 2 == 0]
-    at = min(spaces, key=lambda place: abs(place - len(text) / 2), default=len(text))
+    """Break a text at the space nearest to its middle, if any is outside of formulas."""
+    spaces = [at for at, c in enumerate(text) if c == " " and text[:at].count("$") % 2 == 0]
+    at = min(spaces, key=lambda space: abs(space - len(text) / 2), default=len(text))
     return f"{text[:at]}\n{text[at + 1 :]}".strip()
 
 
@@ -102,8 +102,8 @@ def legend_within(
 ) -> None:
     """Put a legend into a panel of any figure, with at most a fifth of the height of the panel."""
     box = panel.get_window_extent()
-    look = {name: value for name, value in user_style().items() if name.startswith("legend.")}
-    with mpl.rc_context({**look, "legend.frameon": mpl.rcParams["legend.frameon"]}):
+    settings = {name: value for name, value in user_style().items() if name.startswith("legend.")}
+    with mpl.rc_context({**settings, "legend.frameon": mpl.rcParams["legend.frameon"]}):
         # Matplotlib would look for the best place of every legend that is tried.
         make = partial(panel.legend, loc="upper right")
         room = WIDTH * box.width, SHARE * box.height
@@ -111,7 +111,7 @@ def legend_within(
         legend.set_loc(mpl.rcParams["legend.loc"])
 
 
-def _place(handle: Artist) -> int:
+def _sort_key(handle: Artist) -> int:
     """Return 0 for a class m/q, else the length of a label."""
     text = str(handle.get_label())
     return 0 if text[0].isdigit() and "/" in text else len(text)
@@ -133,18 +133,18 @@ def _fitted(
     width, height = room
     if shares is not None:
         handles = sorted(handles, key=lambda handle: -shares[handle])
-        handles.sort(key=_place)
+        handles.sort(key=_sort_key)
 
     def without(count: int) -> Legend:
-        shown = [handle for handle in handles if handle not in spare[:count]]
+        entries = [handle for handle in handles if handle not in spare[:count]]
         if count:
-            shown.append(Line2D([], [], linestyle="", label=f"{count} more"))
-        for columns in range(min(_MOST_COLUMNS, len(shown)), 1, -1):
-            legend = make(handles=shown, ncols=columns)
+            entries.append(Line2D([], [], linestyle="", label=f"{count} more"))
+        for columns in range(min(_MOST_COLUMNS, len(entries)), 1, -1):
+            legend = make(handles=entries, ncols=columns)
             if legend.get_window_extent().width <= width:
                 return legend
             legend.remove()
-        return make(handles=shown, ncols=1)
+        return make(handles=entries, ncols=1)
 
     def fits(count: int) -> bool:
         legend = without(count)

@@ -28,9 +28,9 @@ def look_of(key: style.LookKey, grey: bool = False) -> style.Look:
     return look._replace(dots=style.dot_colour(look.dots))
 
 
-def patch_named(label: str, **look: Any) -> Patch:
+def patch_named(label: str, **props: Any) -> Patch:
     """Return a patch for a legend, which shows nothing in a panel."""
-    return Rectangle((np.nan, np.nan), 0.0, 0.0, label=label, **look)
+    return Rectangle((np.nan, np.nan), 0.0, 0.0, label=label, **props)
 
 
 class Cells(NamedTuple):
@@ -52,16 +52,16 @@ class Cells(NamedTuple):
         """The text of the legend."""
         return self.name if self.whole is None else self.name % self.share
 
-    def within(self, seen: Any) -> Self:
-        """Return the cells that are seen, given their mask or indices."""
-        whole = None if self.whole is None else self.whole[seen]
-        return self._replace(where=self.where[seen], whole=whole)
+    def within(self, visible: Any) -> Self:
+        """Return the cells within limits, given their mask or indices."""
+        whole = None if self.whole is None else self.whole[visible]
+        return self._replace(where=self.where[visible], whole=whole)
 
     def handle(self) -> Patch:
         """Return the patch for the legend."""
         edge = style.hatch_on(self.look.colour) if self.look.hatch else style.ink()
-        look: dict[str, Any] = {"edgecolor": edge, "hatch": self.look.hatch, "linewidth": 0.4}
-        return patch_named(self.label, facecolor=self.look.colour, **look)
+        props: dict[str, Any] = {"edgecolor": edge, "hatch": self.look.hatch, "linewidth": 0.4}
+        return patch_named(self.label, facecolor=self.look.colour, **props)
 
 
 def failed_cells(status: np.ndarray, hatched: bool = False) -> list[Cells]:
@@ -127,8 +127,8 @@ def class_numbers(
 ) -> tuple[np.ndarray, dict[int, str]]:
     """Return a number for the class of each motion, and the names of classes."""
     numbers = m << 40 | q << 8 | regimes
-    found = np.unique(numbers).tolist()
-    classes = {n: Label(Regime(n % 256), n >> 40, (n >> 8) % 2**32) for n in found}
+    unique = np.unique(numbers).tolist()
+    classes = {n: Label(Regime(n % 256), n >> 40, (n >> 8) % 2**32) for n in unique}
     named = (Regime.PERIODIC, Regime.REST, Regime.UNBOUNDED)
     return numbers, {n: str(label) for n, label in classes.items() if label.regime in named}
 
@@ -144,9 +144,9 @@ class Looks(NamedTuple):
     grey: bool
 
     @classmethod
-    def of(cls, found: xr.Dataset, grey: bool = False) -> Self:
+    def of(cls, result: xr.Dataset, grey: bool = False) -> Self:
         """Return the looks of the result of `sweeps.attractors`."""
-        periodic = found[["number", "m", "q"]].where(found["motion"] == Regime.PERIODIC, -1)
+        periodic = result[["number", "m", "q"]].where(result["motion"] == Regime.PERIODIC, -1)
         columns = (periodic[name].transpose(..., "coexisting").values for name in periodic)
         return cls(_further(*(column.reshape(-1, column.shape[-1]) for column in columns)), grey)
 
@@ -180,8 +180,8 @@ class Looks(NamedTuple):
 
     def split(self, table: Sequence[AttractorRow]) -> tuple[list[AttractorRow], list[AttractorRow]]:
         """Return the attractors that have a look of their own, and the others."""
-        own = [row for row in table if self.has_own(row)]
-        return own, [row for row in table if not self.has_own(row)]
+        distinct = [row for row in table if self.has_own(row)]
+        return distinct, [row for row in table if not self.has_own(row)]
 
 
 def _further(
@@ -197,21 +197,21 @@ def _further(
     of_class: dict[tuple[int, int], np.ndarray] = {}
     without: dict[int, np.ndarray] = {}
     keys = []
-    for own, periods, impacts in np.unique(classes, axis=0).tolist():
-        at = ((number == own) & (m == periods) & (q == impacts)).any(axis=1)
-        taken = of_class.get((periods, impacts), nowhere)
-        if (periods, impacts) in style.CLASSES and not (taken & at).any():
-            of_class[periods, impacts] = taken | at
+    for attractor, periods, impacts in np.unique(classes, axis=0).tolist():
+        at = ((number == attractor) & (m == periods) & (q == impacts)).any(axis=1)
+        points = of_class.get((periods, impacts), nowhere)
+        if (periods, impacts) in style.CLASSES and not (points & at).any():
+            of_class[periods, impacts] = points | at
         else:
-            without[own] = without.get(own, nowhere) | at
-            keys.append((own, periods, impacts))
-    used = [nowhere] * len(style.FURTHER)
+            without[attractor] = without.get(attractor, nowhere) | at
+            keys.append((attractor, periods, impacts))
+    points_of = [nowhere] * len(style.FURTHER)
     chosen: dict[int, int | None] = {}
-    for own, at in without.items():
-        free = [i for i, taken in enumerate(used) if not (taken & at).any()]
-        chosen[own] = min(free, key=lambda i: np.count_nonzero(used[i]), default=None)
-        if (index := chosen[own]) is not None:
-            used[index] = used[index] | at
+    for attractor, at in without.items():
+        free = [i for i, points in enumerate(points_of) if not (points & at).any()]
+        chosen[attractor] = min(free, key=lambda i: np.count_nonzero(points_of[i]), default=None)
+        if (index := chosen[attractor]) is not None:
+            points_of[index] = points_of[index] | at
     return {key: chosen[key[0]] for key in keys}
 
 
@@ -222,14 +222,14 @@ def class_of_numbers(table: Sequence[AttractorRow]) -> dict[int, str]:
 
 
 def basin_cells(
-    table: Sequence[AttractorRow], numbers: np.ndarray, looks: Looks, of: Names
+    table: Sequence[AttractorRow], numbers: np.ndarray, looks: Looks, source: Names
 ) -> list[Cells]:
     """Return the cells of each basin, given the number of the attractor of each start."""
     rows, others = looks.split(table)
     cells = []
-    for row, (name, place) in zip(rows, names_of([[row] for row in rows], of), strict=True):
+    for row, (name, hint) in zip(rows, names_of([[row] for row in rows], source), strict=True):
         speeds = f"{row.shown_speeds}; " if len(row.speeds) else ""
-        text = f"{name}: {speeds}%.1f %%" + place.replace("%", "%%")
+        text = f"{name}: {speeds}%.1f %%" + hint.replace("%", "%%")
         cells.append(Cells(text, looks.look(row), numbers == row.number, numbers >= 0))
     if others:
         text = f"{shown_count(len(others), 'other periodic attractor')}: %.1f %%"
@@ -239,7 +239,7 @@ def basin_cells(
 
 
 def names_of(
-    series: Sequence[Sequence[AttractorRow]], of: Names, axis: xr.DataArray | None = None
+    series: Sequence[Sequence[AttractorRow]], source: Names, axis: xr.DataArray | None = None
 ) -> list[tuple[str, str]]:
     """Name the classes of each series of attractors, or its regime.
 
@@ -251,17 +251,17 @@ def names_of(
     )
     names = list[tuple[str, str]]()
     for rows in series:
-        place = ""
+        hint = ""
         if row := next((row for row in rows if counts[row.name] > 1), None):
             state = zip(("x0", "v0"), ("x", "v"), row.states[0], strict=True)
             parts = [
-                equation(symbol, as_variable(name, of), float(f"{value:.3g}"))
+                equation(symbol, as_variable(name, source), float(f"{value:.3g}"))
                 for name, symbol, value in state
             ]
             if axis is not None:
                 parts.append(equation(axis.symbol, axis, row.parameters[str(axis.name)]))
-            place = f"\nat {', '.join(parts)}"
-        names.append((class_names(rows), place))
+            hint = f"\nat {', '.join(parts)}"
+        names.append((class_names(rows), hint))
     return names
 
 

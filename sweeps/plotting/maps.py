@@ -18,7 +18,7 @@ from matplotlib.path import Path
 from sweeps.opened.opened_sweep import OpenedSweep, Selection
 from sweeps.plotting import canvas, labels
 from sweeps.plotting.colours import paint_of
-from sweeps.plotting.contents import Wanted, fitting_orbits, with_number
+from sweeps.plotting.contents import Numbers, fitting_orbits, with_number
 from sweeps.plotting.exact_lines import draw_curves
 from sweeps.plotting.legend import COMMON
 from sweeps.plotting.looks import OTHERS, Cells, class_numbers, failed_cells, patch_named
@@ -31,7 +31,7 @@ from vibroimpact.points.regimes import ON_ITS_WAY, RESTING, has_result
 from vibroimpact.status import Status
 
 #: Look of points that are not computed yet.
-_LOOK_OF_PENDING: dict[str, Any] = {"edgecolor": "#888888", "hatch": "//////", "linewidth": 0.0}
+_PENDING: dict[str, Any] = {"edgecolor": "#888888", "hatch": "//////", "linewidth": 0.0}
 #: Look of the lines over points that are not on their orbit yet.
 _APPROACHING: dict[str, Any] = {"edgecolor": "white", "hatch": "////////", "linewidth": 0.0}
 #: Most classes that the entry of other classes names.
@@ -44,7 +44,7 @@ def parameter_map(
     *,
     axes: Sequence[str] = (),
     at: Selection | None = None,
-    quantity: Wanted | None = None,
+    quantity: Numbers | None = None,
     exact: xr.Dataset | None = None,
     overlay: Any = None,
     page: Page = PAGE,
@@ -96,10 +96,10 @@ def parameter_map(
     page = page.set_limits(panel)
     view = view_of(panel, cut)
     shares = entries_of(cut, cells, view)
-    if (seen := approaching[view]).any():
-        share = 100.0 * seen.sum() / has_result(status[view]).sum()
+    if (visible := approaching[view]).any():
+        share = 100.0 * visible.sum() / has_result(status[view]).sum()
         text = f"{ON_ITS_WAY} ({share:.3g} %)"
-        shares[patch_named(text, facecolor="#888888", **_APPROACHING)] = float(seen.mean())
+        shares[patch_named(text, facecolor="#888888", **_APPROACHING)] = float(visible.mean())
     if exact is not None:
         shares |= draw_curves(panel, exact, cut, page.marks)
     scale = (name, paint.ramp, paint.norm)
@@ -114,7 +114,7 @@ def parameter_map(
     return figure
 
 
-def shown_quantity(sweep: OpenedSweep, quantity: Wanted | None) -> Wanted:
+def shown_quantity(sweep: OpenedSweep, quantity: Numbers | None) -> Numbers:
     """Return the quantity of a map, by default the class if the file has it."""
     if quantity is not None:
         return quantity
@@ -145,7 +145,7 @@ def entries_of(cut: OpenedSweep, cells: Iterable[Cells], view: Any = ...) -> dic
     shares |= {max(rests, key=rests.__getitem__): sum(rests.values())} if rests else {}
     if pending := np.count_nonzero(status == Status.PENDING):
         text = f"{labels.status_name(Status.PENDING)} ({pending:,} of {status.size:,})"
-        shares[patch_named(text, facecolor=ground(), **_LOOK_OF_PENDING)] = COMMON
+        shares[patch_named(text, facecolor=ground(), **_PENDING)] = COMMON
     return shares
 
 
@@ -178,7 +178,7 @@ def draw_cells(panel: Axes, cut: OpenedSweep, cells: Iterable[Cells]) -> None:
     x, y = _edges_of(cut)
     for axis, name, edges in zip((panel.yaxis, panel.xaxis), cut.grid, (y, x), strict=True):
         labels.label_axis(axis, cut[name])
-        labels.set_ends(axis, edges[0], edges[-1])
+        labels.set_lim(axis, edges[0], edges[-1])
     panel.update_datalim([(x[0], y[0]), (x[-1], y[-1])])  # also without a cell
     status = cut["status"].values
     cells = [cell for cell in cells if cell.where.any()]
@@ -187,28 +187,28 @@ def draw_cells(panel: Axes, cut: OpenedSweep, cells: Iterable[Cells]) -> None:
         index[cell.where] = number
     if cells:
         colours = ListedColormap([cell.look.colour for cell in cells])
-        norm, shown = Normalize(-0.5, len(cells) - 0.5), np.ma.masked_equal(index, -1)
-        panel.pcolormesh(x, y, shown, norm=norm, cmap=colours, rasterized=True)
+        norm, image = Normalize(-0.5, len(cells) - 0.5), np.ma.masked_equal(index, -1)
+        panel.pcolormesh(x, y, image, norm=norm, cmap=colours, rasterized=True)
     for cell in cells:
         if cell.look.hatch:
             edge = hatch_on(cell.look.colour)
             _draw_hatch(panel, cut, cell.where, hatch=cell.look.hatch, edgecolor=edge)
     if (status == Status.PENDING).any():
-        panel.patch.set(facecolor=ground(), **_LOOK_OF_PENDING)
+        panel.patch.set(facecolor=ground(), **_PENDING)
 
 
-def _draw_hatch(panel: Axes, cut: OpenedSweep, where: np.ndarray, **look: Any) -> None:
+def _draw_hatch(panel: Axes, cut: OpenedSweep, where: np.ndarray, **props: Any) -> None:
     """Hatch the cells of a mask."""
     x, y = _edges_of(cut)
-    ends = np.diff(np.pad(where, ((0, 0), (1, 1))).astype(np.int8), axis=1)
-    (rows, first), (_, last) = np.nonzero(ends == 1), np.nonzero(ends == -1)
+    changes = np.diff(np.pad(where, ((0, 0), (1, 1))).astype(np.int8), axis=1)
+    (rows, first), (_, last) = np.nonzero(changes == 1), np.nonzero(changes == -1)
     left, right, low, high = x[first], x[last], y[rows], y[rows + 1]
     corners = np.stack([left, low, right, low, right, high, left, high, left, low], axis=1)
     codes = np.tile([Path.MOVETO, *[Path.LINETO] * 3, Path.CLOSEPOLY], len(rows))
     # One path, so that the lines pass from cell to cell.
     outline = Path(corners.reshape(-1, 2), codes)
-    look = {"linewidth": 0.0, **look}
-    panel.add_artist(PathPatch(outline, facecolor="none", rasterized=True, **look))
+    props = {"linewidth": 0.0, **props}
+    panel.add_artist(PathPatch(outline, facecolor="none", rasterized=True, **props))
 
 
 def _edges_of(cut: OpenedSweep) -> list[np.ndarray]:
@@ -218,8 +218,8 @@ def _edges_of(cut: OpenedSweep) -> list[np.ndarray]:
         values = cut[name].values
         labels.refuse_too_large(name, values)
         with np.errstate(over="ignore"):
-            ends = cell_edges(values, labels.log_spaced(values))
-        if not np.isfinite(ends).all():  # of so many decades
-            labels.refuse_too_large(f"a cell of {name}", ends)
-        edges.append(ends)
+            bounds = cell_edges(values, labels.log_spaced(values))
+        if not np.isfinite(bounds).all():  # of so many decades
+            labels.refuse_too_large(f"a cell of {name}", bounds)
+        edges.append(bounds)
     return edges

@@ -15,14 +15,14 @@ from matplotlib.collections import LineCollection
 from matplotlib.lines import Line2D
 from matplotlib.patheffects import withStroke
 
-from sweeps.plotting.labels import equation, refuse_too_large, set_ends, status_name
+from sweeps.plotting.labels import equation, refuse_too_large, set_lim, status_name
 from sweeps.plotting.pixels import figure_of, in_panel, in_view, runs, widened
 from sweeps.plotting.style import MARKS, STATUS_COLOURS, data_colour, dot_colour, ground, ink
 
 #: Height of the middle of the strip of marks, as a share of the panel.
 _HEIGHT = 0.015
-#: Most markers of one look across a panel.
-_MARKS = 20
+#: Most markers of one look along a side of a panel.
+_PER_SIDE = 20
 #: Values of both directions are one if they differ by less than this share of the panel. Motions
 #: differ if their values are farther apart on the mean, and a jump with an arrow is longer.
 _SAME, _APART, _JUMP = 0.004, 0.01, 0.04
@@ -46,23 +46,23 @@ def draw_points(
     size = marker_size(x, y, 0.5, most) if size is None else size
     alpha = float(np.clip(1e5 / len(y), 0.15, 1.0))
     colour = data_colour() if colour is None else colour
-    look: dict[str, Any] = {"alpha": alpha, "rasterized": True}
+    props: dict[str, Any] = {"alpha": alpha, "rasterized": True}
     if isinstance(colour, str):
-        (points,) = panel.plot(x, y, marker, linestyle="", color=colour, **look)
+        (points,) = panel.plot(x, y, marker, linestyle="", color=colour, **props)
         points.set(markersize=size, markeredgewidth=0)
     else:
-        panel.scatter(x, y, size**2, colour, linewidths=0, **look)
+        panel.scatter(x, y, size**2, colour, linewidths=0, **props)
 
 
 def mark_some(panel: Axes, points: np.ndarray, marker: str, colour: str) -> None:
     """Mark some of the points, shape (n, 2), about evenly in a panel that has its limits."""
     panel.autoscale_view()  # matplotlib delays it, and the transformations do not ask for it
     points = points[np.isfinite(points).all(axis=1)]
-    _, some = np.unique(np.floor(_MARKS * in_panel(panel, points)), axis=0, return_index=True)
-    (marks,) = panel.plot(*points[some].T, marker, color=colour, rasterized=True)
-    marks.set(markersize=4.0, markeredgewidth=edge_of(marker), zorder=4.0)
+    _, some = np.unique(np.floor(_PER_SIDE * in_panel(panel, points)), axis=0, return_index=True)
+    (markers,) = panel.plot(*points[some].T, marker, color=colour, rasterized=True)
+    markers.set(markersize=4.0, markeredgewidth=edge_of(marker), zorder=4.0)
     if edge_of(marker):
-        marks.set_path_effects([withStroke(linewidth=2.0, foreground=ground())])
+        markers.set_path_effects([withStroke(linewidth=2.0, foreground=ground())])
 
 
 def edge_of(marker: str) -> float:
@@ -90,8 +90,8 @@ def draw_stop(
 
 def widen_if_constant(axis: Axis, low: float, high: float) -> None:
     """Widen an axis if the data are constant, so that it does not show rounding."""
-    if (ends := widened(low, high)) != (low, high):
-        set_ends(axis, *ends)
+    if (limits := widened(low, high)) != (low, high):
+        set_lim(axis, *limits)
 
 
 def mark_status(
@@ -108,7 +108,7 @@ def mark_status(
     (directions, n), and so have the `masks` of further points, by a name of ``MARKS``, which can be
     drawn in `grey`.
     """
-    kinds = [(status_name(one), colour, status == one) for one, colour in STATUS_COLOURS.items()]
+    kinds = [(status_name(s), colour, status == s) for s, colour in STATUS_COLOURS.items()]
     kinds += [(name, MARKS[name][grey], where) for name, where in (masks or {}).items()]
     kinds = [(name, dot_colour(colour), where) for name, colour, where in kinds if where.any()]
     if np.isin(status, list(STATUS_COLOURS)).any():
@@ -116,19 +116,19 @@ def mark_status(
         panel.set_ylim(low - 0.04 * (high - low), high)
     strip, x = panel.get_xaxis_transform(), np.broadcast_to(values, status.shape)
     for text, colour, where in kinds:
-        places, look = x[where], dict[str, Any](transform=strip, color=colour, rasterized=True)
+        marks, props = (x[where], dict[str, Any](transform=strip, color=colour, rasterized=True))
         if text in MARKS:
-            places, is_beside = _spread(panel, x, where)
-            ends = np.stack([places[:-1], places[1:]], axis=1)[is_beside]
-            bars = [[(left, _HEIGHT), (right, _HEIGHT)] for left, right in ends.tolist()]
+            marks, is_beside = _spread(panel, x, where)
+            pairs = np.stack([marks[:-1], marks[1:]], axis=1)[is_beside]
+            bars = [[(left, _HEIGHT), (right, _HEIGHT)] for left, right in pairs.tolist()]
             if bars:
-                panel.add_collection(LineCollection(bars, linewidth=6, **look), autolim=False)
-        panel.plot(places, np.full(places.shape, _HEIGHT), "|", markersize=6, **look)
+                panel.add_collection(LineCollection(bars, linewidth=6, **props), autolim=False)
+        panel.plot(marks, np.full(marks.shape, _HEIGHT), "|", markersize=6, **props)
     left, right = panel.get_xbound()
-    seen = ~((x < left) | (right < x))
+    visible = ~((x < left) | (right < x))
     for text, colour, where in kinds:
-        if count := np.count_nonzero(where & seen):
-            text = f"{text} ({count:,} of {np.count_nonzero(seen):,})"
+        if count := np.count_nonzero(where & visible):
+            text = f"{text} ({count:,} of {np.count_nonzero(visible):,})"
             panel.plot([], [], linewidth=5, solid_capstyle="butt", color=colour, label=text)
 
 
@@ -138,30 +138,30 @@ def _spread(panel: Axes, x: np.ndarray, where: np.ndarray) -> tuple[np.ndarray, 
     A mark is a point wide. Where several values are in it, those with most marked values have one.
     A mask says between which marks and the next ones there is no room for another.
     """
-    values, place = np.unique(x, return_inverse=True)
-    marked = np.bincount(place.ravel(), where.ravel()) > 0.0
+    values, index = np.unique(x, return_inverse=True)
+    is_marked = np.bincount(index.ravel(), where.ravel()) > 0.0
     panel.get_xlim()  # matplotlib delays the limits
     across = panel.transData.transform(np.stack([values, values], axis=1))[:, 0]
-    places = np.floor(across * 72.0 / figure_of(panel).dpi)
-    columns, column = np.unique(places, return_inverse=True)
-    counts = np.bincount(column, marked)
-    sums = np.bincount(column, np.where(marked, values, 0.0))
-    most = math.ceil(marked.mean() * len(counts))
-    kept = np.argsort(-counts / np.bincount(column), kind="stable")[:most]
-    kept = np.sort(kept[counts[kept] > 0.0])
-    return sums[kept] / counts[kept], np.diff(columns[kept]) == 1.0
+    positions = np.floor(across * 72.0 / figure_of(panel).dpi)
+    columns, column = np.unique(positions, return_inverse=True)
+    counts = np.bincount(column, is_marked)
+    sums = np.bincount(column, np.where(is_marked, values, 0.0))
+    most = math.ceil(is_marked.mean() * len(counts))
+    best = np.argsort(-counts / np.bincount(column), kind="stable")[:most]
+    best = np.sort(best[counts[best] > 0.0])
+    return sums[best] / counts[best], np.diff(columns[best]) == 1.0
 
 
-def nearest_distances(one: np.ndarray, other: np.ndarray, size: float) -> np.ndarray:
-    """Return the distance of each value from the nearest in the same row of the other, in `size`.
+def nearest_distances(values: np.ndarray, others: np.ndarray, size: float) -> np.ndarray:
+    """Return the distance of each value from the nearest of the others in its row, in `size`.
 
     The arrays have the shapes (n, k) and (n, l), with NaN for no value; the result has the shape of
-    `one`. The distance is 2 if the other has no value in the row, and NaN for no value.
+    `values`. The distance is 2 if there are no others in the row, and NaN for no value.
     """
-    row = 5.0 * np.arange(len(one))[:, None]  # more than any distance
-    low = np.fmin(*(np.min(each[np.isfinite(each)], initial=np.inf) for each in (one, other)))
+    row = 5.0 * np.arange(len(values))[:, None]  # more than any distance
+    low = np.fmin(*(np.min(each[np.isfinite(each)], initial=np.inf) for each in (values, others)))
     # Without an exponent of -inf, that of a motion with rest.
-    finite = (np.where(np.isfinite(each), each, np.nan) for each in (one, other))
+    finite = (np.where(np.isfinite(each), each, np.nan) for each in (values, others))
     keys, there = (row + (each - low) / size for each in finite)
     there = np.concatenate([[-np.inf], np.sort(there[np.isfinite(there)]), [np.inf]])
     after = np.searchsorted(there, keys).clip(1, len(there) - 1)
@@ -189,24 +189,24 @@ def in_both(columns: np.ndarray, axis: int) -> np.ndarray:
     """
     from scipy.spatial import cKDTree
 
-    low, high = (end(columns.reshape(2, -1), axis=1) for end in (np.nanmin, np.nanmax))
+    low, high = (extreme(columns.reshape(2, -1), axis=1) for extreme in (np.nanmin, np.nanmax))
     size = np.where(high > low, high - low, 1.0)
-    ways = np.moveaxis(np.moveaxis(columns, 0, -1) / size, axis, 0)  # (direction, ..., k, 2)
-    number = np.arange(float(np.prod(ways.shape[1:-2]))).reshape(*ways.shape[1:-2], 1, 1)
+    points = np.moveaxis(np.moveaxis(columns, 0, -1) / size, axis, 0)  # (direction, ..., k, 2)
+    number = np.arange(float(np.prod(points.shape[1:-2]))).reshape(*points.shape[1:-2], 1, 1)
     # A third coordinate keeps the values of different points apart.
-    ways = np.append(ways, np.broadcast_to(number, ways.shape)[..., :1], axis=-1)
-    finite = np.asarray(np.isfinite(ways).all(axis=-1))
+    points = np.append(points, np.broadcast_to(number, points.shape)[..., :1], axis=-1)
+    finite = np.asarray(np.isfinite(points).all(axis=-1))
     both = np.zeros(finite.shape, bool)
-    up, down = (way[kept] for way, kept in zip(ways, finite, strict=True))
+    up, down = (each[mask] for each, mask in zip(points, finite, strict=True))
     if len(up) and len(down):
         both[0][finite[0]] = cKDTree(down).query(up, p=np.inf)[0] < _SAME
         both[1][finite[1]] = cKDTree(up).query(down, p=np.inf)[0] < _SAME
     return np.moveaxis(both, 0, axis)
 
 
-def _motions_differ(one: np.ndarray, other: np.ndarray, size: float) -> np.ndarray:
+def _motions_differ(first: np.ndarray, second: np.ndarray, size: float) -> np.ndarray:
     """Whether the motions in each row differ, shape (n,)."""
-    away = [nearest_distances(a, b, size) for a, b in ((one, other), (other, one))]
+    away = [nearest_distances(a, b, size) for a, b in ((first, second), (second, first))]
     means = [
         np.nan_to_num(each).sum(axis=1) / np.maximum(np.isfinite(each).sum(axis=1), 1)
         for each in away
@@ -238,9 +238,9 @@ def draw_jumps(
                 continue
             begin = motion[i, int(np.nanargmax(away))]
             end = motion[j, int(np.nanargmin(np.abs(motion[j] - begin)))]
-            look = {"arrowstyle": "-|>", "color": colour, "lw": 0.8, "mutation_scale": 7.0}
+            props = {"arrowstyle": "-|>", "color": colour, "lw": 0.8, "mutation_scale": 7.0}
             panel.annotate(
-                "", (x[j], end), (x[i], begin), arrowprops={**look, "shrinkA": 0, "shrinkB": 0}
+                "", (x[j], end), (x[i], begin), arrowprops={**props, "shrinkA": 0, "shrinkB": 0}
             )
             if not in_view(panel, x[j], end):  # nor is the arrow
                 continue

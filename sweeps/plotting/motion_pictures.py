@@ -19,7 +19,7 @@ from sweeps.opened.opened_sweep import OpenedSweep, Selection
 from sweeps.plotting import labels
 from sweeps.plotting.canvas import Picture, finish, new_panel, width_of
 from sweeps.plotting.colours import Paint, coloured_points, legend_entries
-from sweeps.plotting.contents import Wanted, refuse_without_value
+from sweeps.plotting.contents import Numbers, refuse_without_value
 from sweeps.plotting.looks import Cells
 from sweeps.plotting.marks import draw_points, draw_stop, in_both, widen_if_constant
 from sweeps.plotting.page import PAGE, Page, styled
@@ -34,7 +34,7 @@ def _draw_records(
     sweep: OpenedSweep,
     names: tuple[str, str],
     at: Selection | None,
-    color: Wanted | None,
+    color: Numbers | None,
     page: Page,
     ax: Axes | None,
     set_view: Callable[[Axes, OpenedSweep, Sequence[np.ndarray]], None],
@@ -67,12 +67,12 @@ def _draw_records(
     set_view(panel, points, columns)
     page.set_limits(panel, fit="poincare_v" in names)  # speeds of impacts begin at 0
     if paint is not None:
-        seen = in_view(panel, *by_point)
-        if (both & seen).any():
+        visible = in_view(panel, *by_point)
+        if (both & visible).any():
             handles = [Cells("both", Look.plain(dot_colour(BOTH_COLOUR)), both).handle()]
         by_point[:, both & page.grey] = np.nan  # without the marker of a direction
-        paint.mark(panel, *by_point)
-        paint = paint.within(np.asarray((seen & ~both).any(axis=-1)))
+        paint.add_markers(panel, *by_point)
+        paint = paint.within(np.asarray((visible & ~both).any(axis=-1)))
     handles += panel.get_legend_handles_labels()[0]
     handles, title = legend_entries(paint, [panel], handles)
     return finish(panel, page, points, handles, title, labels.record_text(points, names[1]))
@@ -83,7 +83,7 @@ def section(
     sweep: OpenedSweep,
     *,
     at: Selection | None = None,
-    color: Wanted | None = None,
+    color: Numbers | None = None,
     page: Page = PAGE,
     ax: Axes | None = None,
 ) -> Figure:
@@ -120,7 +120,7 @@ def impacts(
     sweep: OpenedSweep,
     *,
     at: Selection | None = None,
-    color: Wanted | None = None,
+    color: Numbers | None = None,
     page: Page = PAGE,
     ax: Axes | None = None,
 ) -> Figure:
@@ -144,8 +144,8 @@ def impacts(
         """Show a whole period, and speeds from 0."""
         quarters = ["0", r"$\pi/2$", r"$\pi$", r"$3\pi/2$", r"$2\pi$"]
         panel.set_xticks(0.5 * np.pi * np.arange(5), quarters)
-        labels.set_ends(panel.xaxis, 0.0, 2.0 * np.pi)
-        labels.set_ends(panel.yaxis, 0.0, panel.get_ybound()[1])
+        labels.set_lim(panel.xaxis, 0.0, 2.0 * np.pi)
+        labels.set_lim(panel.yaxis, 0.0, panel.get_ybound()[1])
 
     return _draw_records(sweep, ("impact_phase", "impact_v"), at, color, page, ax, set_view)
 
@@ -162,7 +162,7 @@ def trajectory(
     *,
     at: Selection | None = None,
     periods: int | None = None,
-    color: Wanted | None = None,
+    color: Numbers | None = None,
     page: Page = PAGE,
     ax: Sequence[Axes] | None = None,
 ) -> Figure:
@@ -267,8 +267,8 @@ def _text_of_motions(
         record = f"{kind}{motion_class}, {record}"
     most = coordinates.MOST_DRAWN // len(motions)
     periods = sum(motion.periods for motion in motions)
-    part = sum(min(motion.periods, most) for motion in motions)
-    record += f", {part:,} of {periods:,} periods" if part != periods else ""
+    count = sum(min(motion.periods, most) for motion in motions)
+    record += f", {count:,} of {periods:,} periods" if count != periods else ""
     return start, f"after {after}", record
 
 
@@ -319,6 +319,6 @@ def _mark_impacts(panels: Sequence[Axes], motion: coordinates.PointMotion) -> No
         if not t.size:
             continue
         t = t - rows[0, 0]
-        for panel, marked in zip(panels, ((t, x), (t, v), (x, v)), strict=True):
-            (points,) = panel.plot(*marked, marker, color=colour, ms=2.5, mew=edge, zorder=3.0)
-            points.set_label(text if panel is panels[-1] else "_")
+        for panel, points in zip(panels, ((t, x), (t, v), (x, v)), strict=True):
+            (dots,) = panel.plot(*points, marker, color=colour, ms=2.5, mew=edge, zorder=3.0)
+            dots.set_label(text if panel is panels[-1] else "_")

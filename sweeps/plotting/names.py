@@ -1,4 +1,4 @@
-"""Places names where there is room: in regions of a map, beside lines; bounds regions."""
+"""Places names where there is room: in regions of a map, beside lines; draws boundaries."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from sweeps.plotting.style import ground, ink
 #: because single cells of another class hide nothing.
 _PER_INCH, _LEAST_SHARE = 72.0, 0.97
 #: Space around a name, and half the size of a marker [px].
-_MARGIN, _MARK = 1, 2
+_MARGIN, _HALF_MARKER = 1, 2
 #: Most names in a panel.
 _MOST_IN_PANEL = 60
 #: Least share of a map on both sides of a boundary that is drawn.
@@ -41,7 +41,7 @@ def name_regions(
     `classes`, shape (rows, columns), are numbers, of which some have names.
     """
     canvas.lay_out(panel)
-    raster, texts = _as_seen(panel, edges, classes), list[Text]()
+    raster, texts = _class_of_pixels(panel, edges, classes), list[Text]()
     free = _free_of_marks(panel)
 
     def box(name: str) -> tuple[int, int]:
@@ -73,11 +73,11 @@ def _put(text: Text, row: int, column: int, shape: Sequence[int]) -> None:
     text.set_position(((column + 0.5) / shape[1], (row + 0.5) / shape[0]))
 
 
-def _new_text(panel: Axes, name: str, **look: Any) -> Text:
+def _new_text(panel: Axes, name: str, **props: Any) -> Text:
     """Return a new text in a panel."""
     return panel.text(
         0.0, 0.0, name, size="x-small", color=ink(), zorder=6, ha="center", va="center_baseline",
-        path_effects=[withStroke(linewidth=1.8, foreground=ground())], **look,
+        path_effects=[withStroke(linewidth=1.8, foreground=ground())], **props,
     )  # fmt: skip
 
 
@@ -106,26 +106,26 @@ def placed_names(
         shape = inside[top : rows.max() + 1, left : columns.max() + 1]
         height, width = box(name)
         level = _widest(shape, height, width)
-        place = level or _widest(shape, width, height)
-        if place is not None:
-            yield name, int(top) + place[0], int(left) + place[1], level is None
+        pixel = level or _widest(shape, width, height)
+        if pixel is not None:
+            yield name, int(top) + pixel[0], int(left) + pixel[1], level is None
             count += 1
 
 
-def _as_seen(panel: Axes, edges: Sequence[np.ndarray], classes: np.ndarray) -> np.ndarray:
+def _class_of_pixels(panel: Axes, edges: Sequence[np.ndarray], classes: np.ndarray) -> np.ndarray:
     """Return the class in every pixel of a panel, from the bottom; -1 beside the cells."""
-    places = []
+    indices = []
     for axis, (pixels, of_cells) in enumerate(zip(_shape_of(panel)[::-1], edges, strict=True)):
         middles = np.zeros((pixels, 2))
         middles[:, axis] = (np.arange(pixels) + 0.5) / pixels
         values = panel.transData.inverted().transform(panel.transAxes.transform(middles))[:, axis]
-        places.append(np.searchsorted(of_cells, values) - 1)
+        indices.append(np.searchsorted(of_cells, values) - 1)
     x, y = (
-        np.where((place < 0) | (place >= len(of_cells) - 1), -1, place)
-        for place, of_cells in zip(places, edges, strict=True)
+        np.where((index < 0) | (index >= len(of_cells) - 1), -1, index)
+        for index, of_cells in zip(indices, edges, strict=True)
     )
-    seen: np.ndarray = np.where(np.minimum.outer(y, x) < 0, -1, classes[np.ix_(y, x)])
-    return seen
+    raster: np.ndarray = np.where(np.minimum.outer(y, x) < 0, -1, classes[np.ix_(y, x)])
+    return raster
 
 
 def _free_of_marks(panel: Axes) -> np.ndarray:
@@ -133,17 +133,17 @@ def _free_of_marks(panel: Axes) -> np.ndarray:
     from scipy.ndimage import maximum_filter
 
     shape, to_data = _shape_of(panel), panel.transData.inverted()
-    marks = [np.asarray(line.get_xydata()) for line in panel.lines if line.get_marker() == "o"]
+    markers = [np.asarray(line.get_xydata()) for line in panel.lines if line.get_marker() == "o"]
     discs = (patch for patch in panel.patches if isinstance(patch, Ellipse))
     lines = [to_data.transform(disc.get_verts()) for disc in discs]
     arrows = (text for text in panel.texts if isinstance(text, Annotation) and text.arrowprops)
     lines += [np.array([arrow.xyann, arrow.xy]) for arrow in arrows]
-    marked = np.zeros(shape, bool)
-    for points in marks:
-        marked |= _pixels(panel, points, shape)
+    obstacles = np.zeros(shape, bool)
+    for points in markers:
+        obstacles |= _pixels(panel, points, shape)
     for points in lines:
-        marked |= _pixels(panel, points, shape, joined=True)
-    free: np.ndarray = ~maximum_filter(marked, 2 * _MARK + 1)
+        obstacles |= _pixels(panel, points, shape, joined=True)
+    free: np.ndarray = ~maximum_filter(obstacles, 2 * _HALF_MARKER + 1)
     texts = [text for text in panel.texts if text.get_text()]
     for part in filter(None, [panel.get_legend(), *texts]):
         box = part.get_window_extent()
@@ -190,9 +190,9 @@ def _widest(region: np.ndarray, height: int, width: int) -> tuple[int, int] | No
     if not fits.any():
         return None
     depth = np.where(fits, distance_transform_edt(np.pad(region, 1))[1:-1, 1:-1], 0.0)
-    places = np.argwhere(depth >= 0.9 * depth.max())
+    pixels = np.argwhere(depth >= 0.9 * depth.max())
     middle = np.argwhere(region).mean(axis=0)
-    row, column = places[np.argmin(np.hypot(*(places - middle).T))].tolist()
+    row, column = pixels[np.argmin(np.hypot(*(pixels - middle).T))].tolist()
     return row, column
 
 
@@ -208,8 +208,8 @@ def draw_boundaries(panel: Axes, edges: Sequence[np.ndarray], classes: np.ndarra
     row, column = np.nonzero(upwards)
     level = np.stack([x[column], y[row + 1], x[column + 1], y[row + 1]], axis=1)
     lines = list(np.concatenate([upright, level]).reshape(-1, 2, 2))
-    look = {"colors": "black", "linewidths": 0.6, "capstyle": "round"}
-    panel.add_collection(LineCollection(lines, rasterized=True, zorder=3, **look), autolim=False)
+    props = {"colors": "black", "linewidths": 0.6, "capstyle": "round"}
+    panel.add_collection(LineCollection(lines, rasterized=True, zorder=3, **props), autolim=False)
 
 
 def name_lines(panel: Axes, lines: Sequence[tuple[str, np.ndarray]]) -> None:
@@ -223,40 +223,40 @@ def name_lines(panel: Axes, lines: Sequence[tuple[str, np.ndarray]]) -> None:
     canvas.lay_out(panel)
     shape = _shape_of(panel)
     pixels = [(name, _pixels(panel, points, shape)) for name, points in lines]
-    taken = np.zeros(shape, bool)
+    obstacles = np.zeros(shape, bool)
     for line in panel.lines:
         if line.get_transform() == panel.transData:
             joined = line.get_linestyle() not in ("None", "")
-            taken |= _pixels(panel, np.asarray(line.get_xydata()), shape, joined)
+            obstacles |= _pixels(panel, np.asarray(line.get_xydata()), shape, joined)
     for name, line_pixels in pixels:
         if not line_pixels.any():
             continue
         text = _new_text(panel, name)
         height, width = _box_of(text)
-        edge = np.pad(taken, 1, constant_values=True)
+        edge = np.pad(obstacles, 1, constant_values=True)
         free = ~maximum_filter(edge, (height, width))[1:-1, 1:-1]
         away = np.where(free, distance_transform_edt(~line_pixels), np.inf)
         least = away.min()
         if least > (0.5 + _NAME_TO_LINE) * height:
             text.remove()
             continue
-        places = np.argwhere(away <= least + 1.0)
+        nearest = np.argwhere(away <= least + 1.0)
         middle = np.argwhere(line_pixels).mean(axis=0)
-        row, column = places[np.argmin(np.abs(places - middle)[:, 1])].tolist()
+        row, column = nearest[np.argmin(np.abs(nearest - middle)[:, 1])].tolist()
         _put(text, row, column, shape)
         top, left = max(0, row - height // 2 - 1), max(0, column - width // 2 - 1)
-        taken[top : row + height // 2 + 2, left : column + width // 2 + 2] = True
+        obstacles[top : row + height // 2 + 2, left : column + width // 2 + 2] = True
 
 
 def _pixels(
     panel: Axes, points: np.ndarray, shape: Sequence[int], joined: bool = False
 ) -> np.ndarray:
     """Return the pixels of a panel, from the bottom, in which there are points, or their joints."""
-    seen = np.zeros(shape, bool)
+    raster = np.zeros(shape, bool)
     places = in_panel(panel, points)[:, ::-1] * shape
     if joined and len(places) > 1:
         places = np.asarray(Path(places).interpolated(max(shape)).vertices)
     places = np.floor(places[np.isfinite(places).all(axis=1)]).astype(int)
     places = places[((places >= 0) & (places < shape)).all(axis=1)]
-    seen[places[:, 0], places[:, 1]] = True
-    return seen
+    raster[places[:, 0], places[:, 1]] = True
+    return raster

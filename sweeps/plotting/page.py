@@ -1,7 +1,7 @@
-"""`Page`: what a user asks of any picture (size, title, limits, grey); `styled` checks it.
+"""`Page`: size, title, limits, grey of a picture; `styled` decorates each function that draws one.
 
-Each is decorated with `styled`: its arguments are checked, it has the names of a rig, a common
-style and a common part of its docstring.
+Then its arguments are checked, and it has the names of a rig, a common style and a common part of
+its docstring.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from sweeps.config.rig import Nomenclature
 from sweeps.errors import Refused
 from sweeps.opened.doors import in_si, orbits_on_axes, takes_sweep
 from sweeps.opened.opened_sweep import OpenedSweep
-from sweeps.plotting.labels import LARGEST, check_units, in_own_unit, set_ends
+from sweeps.plotting.labels import LARGEST, check_units, in_own_unit, set_lim
 from sweeps.plotting.pixels import points_in, widened
 from sweeps.plotting.style import grey_style, user_style
 from sweeps.text import told_apart
@@ -33,9 +33,9 @@ from vibroimpact.inputs import FLAG, TEXT, Allowed, integer, is_number, number
 from vibroimpact.step.scheme import MOST_RECORDED
 
 #: The least and the greatest value of an axis.
-Ends = tuple[float, float]
+Limits = tuple[float, float]
 #: The figure that a picture function returns.
-Drawn = TypeVar("Drawn", bound=Figure)
+FigureT = TypeVar("FigureT", bound=Figure)
 
 
 @dataclass(frozen=True)
@@ -81,8 +81,8 @@ class Page:
     height: float | None = None
     dpi: int | None = None
     title: str | None = None
-    xlim: Ends | None = None
-    ylim: Ends | None = None
+    xlim: Limits | None = None
+    ylim: Limits | None = None
     xunit: str | None = None
     yunit: str | None = None
     xlabel: str | None = None
@@ -101,24 +101,24 @@ class Page:
         """Set the limits that are given; return the page with those of a panel, in its units."""
         limits, sides = dict[str, Any](), {"x": panel.xaxis, "y": panel.yaxis}
         for side, axis in sides.items():
-            ends, unit, text = (getattr(self, f"{side}{word}") for word in ("lim", "unit", "label"))
+            lim, unit, text = (getattr(self, f"{side}{word}") for word in ("lim", "unit", "label"))
             check_units(axis, f"{side}label", text or "", True)
-            if ends is not None:
+            if lim is not None:
                 name = f"{side}lim"
-                limits[name] = ends if unit is None else in_own_unit(axis, name, ends, unit, text)
+                limits[name] = lim if unit is None else in_own_unit(axis, name, lim, unit, text)
         page = replace(self, **limits, xunit=None, yunit=None)
         if fit:
             page.fit_ordinate(panel)
-        for name, ends in limits.items():
+        for name, lim in limits.items():
             axis = sides[name[0]]
             least, most = axis.get_data_interval()
-            if ends[1] < least or most < ends[0]:
+            if lim[1] < least or most < lim[0]:
                 text = "there is nothing to draw with {} = {}:{}; the data range from {} to {}"
-                raise Refused(text.format(name, *told_apart(*ends, least, most)))
-            if axis.get_scale() == "log" and ends[0] <= 0.0:
-                text = f"{name} = {ends[0]:g}:{ends[1]:g} is not allowed on a logarithmic axis"
+                raise Refused(text.format(name, *told_apart(*lim, least, most)))
+            if axis.get_scale() == "log" and lim[0] <= 0.0:
+                text = f"{name} = {lim[0]:g}:{lim[1]:g} is not allowed on a logarithmic axis"
                 raise Refused(f"{text}; expected: limits greater than 0")
-            set_ends(axis, *ends)
+            set_lim(axis, *lim)
         return page
 
     def fit_ordinate(self, panel: Axes) -> None:
@@ -130,7 +130,7 @@ class Page:
         if values.size:
             bottom, top = widened(float(values.min()), float(values.max()))
             margin = mpl.rcParams["axes.ymargin"] * (top - bottom) if bottom < top else 0.05
-            set_ends(panel.yaxis, bottom - margin, top + margin)
+            set_lim(panel.yaxis, bottom - margin, top + margin)
 
 
 #: Least and greatest width and height of a picture [inch].
@@ -189,12 +189,12 @@ Refused
     If the file lacks the requested data, or there is nothing to draw."""
 
 
-def _is_wanted(value: object) -> bool:
+def _are_numbers(value: object) -> bool:
     return isinstance(value, str | xr.DataArray)
 
 
-def _are_wanted(value: object) -> bool:
-    return isinstance(value, Sequence) and all(map(_is_wanted, value))
+def _are_several_numbers(value: object) -> bool:
+    return isinstance(value, Sequence) and all(map(_are_numbers, value))
 
 
 def _are_orbits(value: object) -> bool:
@@ -224,12 +224,12 @@ PICTURE_ARGUMENTS: Mapping[str, Allowed] = {
     "page": Allowed(lambda value: isinstance(value, Page), "a Page, as Page(width=3.4)"),
     "coordinate": TEXT,
     "exact": Allowed(_are_orbits, "the result of sweeps.branches, or for a map of sweeps.curves"),
-    "below": Allowed(_are_wanted, "names or DataArrays, as ['lyapunov']"),
-    "color": Allowed(_is_wanted, "a name or a DataArray"),
-    "quantity": Allowed(_is_wanted, "a name or a DataArray"),
-    "axes": Allowed(_are_wanted, "names of axes, as ['omega', 'R']"),
+    "below": Allowed(_are_several_numbers, "names or DataArrays, as ['lyapunov']"),
+    "color": Allowed(_are_numbers, "a name or a DataArray"),
+    "quantity": Allowed(_are_numbers, "a name or a DataArray"),
+    "axes": Allowed(_are_several_numbers, "names of axes, as ['omega', 'R']"),
     "beside": Allowed(_is_beside, "values of one axis, as {'omega': [2.5, 2.7]}"),
-    "panels": Allowed(_are_wanted, "names, as ['basins']"),
+    "panels": Allowed(_are_several_numbers, "names, as ['basins']"),
     "periods": integer(1, MOST_RECORDED),
     "fps": integer(1, 50),  # a GIF counts hundredths of a second, and browsers no single ones
     "overlay": Allowed(
@@ -240,8 +240,8 @@ PICTURE_ARGUMENTS: Mapping[str, Allowed] = {
 
 
 def styled(
-    draw: Callable[..., Drawn], panels: Collection[int] = (1,), marks: bool = False
-) -> Callable[..., Drawn]:
+    draw: Callable[..., FigureT], panels: Collection[int] = (1,), marks: bool = False
+) -> Callable[..., FigureT]:
     """Decorate a picture function: check its arguments, draw in the common style, document it.
 
     The first parameter of the function must be the dataset; `ax` has one of these numbers of
@@ -254,7 +254,7 @@ def styled(
 
     @takes_sweep({**PICTURE_ARGUMENTS, "ax": of_panels})
     @functools.wraps(draw)
-    def _in_style(sweep: OpenedSweep, **options: Any) -> Drawn:
+    def _in_style(sweep: OpenedSweep, **options: Any) -> FigureT:
         """Draw with the names of a rig, and in the common style unless `ax` has its own."""
         page = options.get("page", PAGE)
         if not (page.marks or marks):
@@ -274,42 +274,42 @@ def _arguments_in_si(
     si = in_si(sweep)
     if si is sweep:
         return sweep, dict(options)
-    seen = si.nomenclature
+    nomenclature = si.nomenclature
 
-    def number(wanted: Any) -> Any:
+    def number(quantity: Any) -> Any:
         """Return a name of the rig, or a DataArray over the axes of the rig."""
-        if isinstance(wanted, xr.DataArray):
-            name = str(wanted.name)
-            if name not in sweep or not wanted.identical(sweep[name]):
-                return _on_axes(si, wanted, seen)
-            wanted = name
-        return seen.name(wanted) if isinstance(wanted, str) else wanted
+        if isinstance(quantity, xr.DataArray):
+            name = str(quantity.name)
+            if name not in sweep or not quantity.identical(sweep[name]):
+                return _on_axes(si, quantity, nomenclature)
+            quantity = name
+        return nomenclature.name(quantity) if isinstance(quantity, str) else quantity
 
     converted = dict(options)
     for option, value in options.items():
         if option == "overlay":  # its columns have the names of the picture
             continue
         if option == "at" and value:
-            converted[option] = seen.selection(value)
+            converted[option] = nomenclature.selection(value)
         elif option == "beside" and value:
             several = {name: np.array(values) for name, values in value.items()}
-            converted[option] = seen.selection(several)
+            converted[option] = nomenclature.selection(several)
         elif option == "exact" and value is not None:
             converted[option] = orbits_on_axes(si, value)
         elif isinstance(value, str | xr.DataArray):
             converted[option] = number(value)
         elif option in ("below", "axes", "panels"):
-            converted[option] = [number(one) for one in value]
+            converted[option] = [number(each) for each in value]
     return si, converted
 
 
-def _on_axes(sweep: OpenedSweep, values: xr.DataArray, seen: Nomenclature) -> xr.DataArray:
+def _on_axes(sweep: OpenedSweep, values: xr.DataArray, nomenclature: Nomenclature) -> xr.DataArray:
     """Return numbers over parameters of the model over the axes of a dataset in SI units."""
     for name in map(str, values.dims):
-        axis = seen.name(name)
+        axis = nomenclature.name(name)
         if axis != name and axis in sweep.data.dims and np.array_equal(values[name], sweep[name]):
-            own = sweep[axis]
-            values = values.assign_coords({axis: (name, own.values, own.attrs)})
+            coord = sweep[axis]
+            values = values.assign_coords({axis: (name, coord.values, coord.attrs)})
             values = values.swap_dims({name: axis})
     return values
 
@@ -324,12 +324,12 @@ def _style(of_user: bool, grey: bool) -> Iterator[None]:
         yield
 
 
-def _documented(draw: Callable[..., Drawn]) -> str:
+def _documented(draw: Callable[..., FigureT]) -> str:
     """Return the docstring of a picture with the common parameters, results and errors."""
-    own, options = inspect.getdoc(draw) or "", inspect.signature(draw).parameters
-    written, mark, example = own.partition("\n\nExamples\n--------")
-    text, _, parameters = written.partition("\n\nParameters\n----------")
+    docstring, options = inspect.getdoc(draw) or "", inspect.signature(draw).parameters
+    body, separator, example = docstring.partition("\n\nExamples\n--------")
+    text, _, parameters = body.partition("\n\nParameters\n----------")
     head = "Parameters\n----------\nsweep : Dataset or str or Path"
     head += "\n    From `sweeps.open_sweep`, or the path of its file."
     parameters += _OVERLAY if "overlay" in options else ""
-    return f"{text}\n\n{head}{parameters}\n{_COMMON_PARAMETERS}{mark}{example}"
+    return f"{text}\n\n{head}{parameters}\n{_COMMON_PARAMETERS}{separator}{example}"

@@ -1,4 +1,4 @@
-"""Converts points to cells and pixels: those in view, the density of many."""
+"""Converts points to shares of a panel, cells and pixels: those in view; draws their density."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ from matplotlib.collections import PathCollection
 from matplotlib.colors import LinearSegmentedColormap, LogNorm
 from matplotlib.figure import Figure
 
-from sweeps.opened.coordinates import ORDINATES, in_parts, recorded_coordinate
+from sweeps.opened.coordinates import ORDINATES, in_chunks, recorded_coordinate
 from sweeps.opened.opened_sweep import OpenedSweep
 from sweeps.plotting import style
 from vibroimpact.points.regimes import has_result
 
 
-def figure_of(part: Artist) -> Figure:
+def figure_of(artist: Artist) -> Figure:
     """Return the top-level figure of a panel or a text, also if it is in a subfigure."""
-    figure = part.get_figure(root=True)
+    figure = artist.get_figure(root=True)
     assert figure is not None
     return figure
 
@@ -60,16 +60,16 @@ def runs(values: Iterable[Any]) -> Iterator[tuple[int, int, Any]]:
 def pixels_of(
     columns: np.ndarray, values: np.ndarray, rows: int, low: float, high: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the values within a panel of so many `rows`: the place in `columns`, and the pixel.
+    """Return the values within a panel of so many `rows`: the index in `columns`, and the pixel.
 
     `columns`, shape (k,), are the columns of k points, all within the panel; `values`, shape
     (k, width), are their ordinates, with NaN for missing ones. The ordinate ranges from `low` to
     `high`. The pixels are numbered column by column.
     """
     scaled = np.floor((values - low) * (rows / (high - low)))
-    seen = (scaled >= 0.0) & (scaled < rows)  # False for NaN
-    place = np.repeat(np.arange(len(columns)), seen.sum(axis=1))
-    return place, columns[place] * rows + scaled[seen].astype(np.int64)
+    visible = (scaled >= 0.0) & (scaled < rows)  # False for NaN
+    index = np.repeat(np.arange(len(columns)), visible.sum(axis=1))
+    return index, columns[index] * rows + scaled[visible].astype(np.int64)
 
 
 def widened(low: float, high: float) -> tuple[float, float]:
@@ -97,17 +97,17 @@ def cell_edges(values: np.ndarray, log: bool) -> np.ndarray:
 
 
 #: Number of values read at a time.
-_PART_SIZE = 1_000_000
+_CHUNK = 1_000_000
 _SCALE_OF_SHARES = LogNorm(style.LEAST_SHARE, 1.0, clip=True)
 
 
-def computed_parts(line: OpenedSweep, coordinate: str) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+def computed_chunks(line: OpenedSweep, coordinate: str) -> Iterator[tuple[np.ndarray, np.ndarray]]:
     """Yield indices (k,) of computed points of a line and their values (k, record), in parts."""
     computed = has_result(line["status"].values)
-    for part, cut in in_parts(line.data, _PART_SIZE // line.sizes[ORDINATES[coordinate].dimension]):
-        kept = np.flatnonzero(computed[cut])
-        if len(kept):
-            yield cut.start + kept, recorded_coordinate(part, coordinate).values[kept]
+    for chunk, cut in in_chunks(line.data, _CHUNK // line.sizes[ORDINATES[coordinate].dimension]):
+        indices = np.flatnonzero(computed[cut])
+        if len(indices):
+            yield cut.start + indices, recorded_coordinate(chunk, coordinate).values[indices]
 
 
 def value_ranges(lines: Sequence[OpenedSweep], coordinate: str) -> np.ndarray:
@@ -115,33 +115,33 @@ def value_ranges(lines: Sequence[OpenedSweep], coordinate: str) -> np.ndarray:
 
     The points are those of each of the lines, the shape of the result is (n, 2).
     """
-    ends = np.full((lines[0]["status"].size, 2), np.nan)
+    ranges = np.full((lines[0]["status"].size, 2), np.nan)
     for line in lines:
-        for points, values in computed_parts(line, coordinate):
+        for points, values in computed_chunks(line, coordinate):
             values = np.where(np.isfinite(values), values, np.nan)
             for column, least_or_most in enumerate((np.fmin, np.fmax)):
-                here = least_or_most.reduce(values, axis=1)
-                ends[points, column] = least_or_most(ends[points, column], here)
-    return ends
+                extremes = least_or_most.reduce(values, axis=1)
+                ranges[points, column] = least_or_most(ranges[points, column], extremes)
+    return ranges
 
 
 def _ramps(colours: Sequence[str]) -> list[LinearSegmentedColormap]:
-    """Return the colours of a share, from the least one to 1: of one way, or of up, down and both.
+    """Return the ramp of shares, from the least to 1: of one direction, or of up, down and both.
 
     Those of directions end at full colours: the darker ends would all look the same where the
     motion is periodic.
     """
-    both_ways = len(colours) > 0
-    own = [*colours, style.dot_colour(style.BOTH_COLOUR)] if both_ways else [style.data_colour()]
-    kept, ramp = 2 if both_ways else 3, LinearSegmentedColormap.from_list
-    ends = (style.shades(colour, style.ground(), style.ink())[:kept] for colour in own)
-    return [ramp("density", [*map(style.dot_colour, colours)]) for colours in ends]
+    both = len(colours) > 0
+    hues = [*colours, style.dot_colour(style.BOTH_COLOUR)] if both else [style.data_colour()]
+    count, ramp = 2 if both else 3, LinearSegmentedColormap.from_list
+    shades = (style.shades(colour, style.ground(), style.ink())[:count] for colour in hues)
+    return [ramp("density", [*map(style.dot_colour, colours)]) for colours in shades]
 
 
 def draw_density(
     panel: Axes,
     values: np.ndarray,
-    ways: Sequence[OpenedSweep],
+    directions: Sequence[OpenedSweep],
     coordinate: str,
     colours: Sequence[str],
     tint: np.ndarray | None = None,
@@ -157,7 +157,7 @@ def draw_density(
     a point in it.
     """
     figure = figure_of(panel)
-    ramps = _ramps(colours if len(ways) > 1 else ())
+    ramps = _ramps(colours if len(directions) > 1 else ())
     if tint is None:
         bar = figure.colorbar(
             ScalarMappable(_SCALE_OF_SHARES, ramps[-1]), ax=panel, pad=0.01, aspect=40
@@ -167,16 +167,16 @@ def draw_density(
     edges = _edges_of_pixels(panel, values, style.dots_per_inch() / figure.dpi)
     shape = len(edges[0]) - 1, len(edges[1]) - 1
     if tint is not None:
-        owner = np.full(shape, -1)
-        for number, pixel in _pixels_in_view(ways[0], coordinate, values, *edges):
-            owner.reshape(-1)[pixel] = number
-        image = np.append(tint, np.zeros((1, 4)), axis=0)[owner]
+        point_in = np.full(shape, -1)
+        for number, pixel in _pixels_in_view(directions[0], coordinate, values, *edges):
+            point_in.reshape(-1)[pixel] = number
+        image = np.append(tint, np.zeros((1, 4)), axis=0)[point_in]
         panel.pcolormesh(*edges, image.swapaxes(0, 1), rasterized=True)
-        return bool((owner >= 0).any())
+        return bool((point_in >= 0).any())
     shares = []
-    for way in ways:
+    for direction in directions:
         counts = np.zeros(shape)
-        for _, pixel in _pixels_in_view(way, coordinate, values, *edges):
+        for _, pixel in _pixels_in_view(direction, coordinate, values, *edges):
             counts += np.bincount(pixel, minlength=counts.size).reshape(counts.shape)
         shares.append(counts / np.maximum(counts.sum(axis=1, keepdims=True), 1))
     if len(shares) == 2:
@@ -197,11 +197,11 @@ def _edges_of_pixels(
     columns, rows = (round(size * scale) for size in (box.width, box.height))
     log = panel.get_xscale() == "log"
     left, right = sorted(panel.get_xlim())
-    seen = np.sort(values[(values >= left) & (values <= right)])
-    seen = seen if len(seen) > 1 else np.sort(values)
-    x_edges = cell_edges(seen, log)
-    if len(seen) > columns:
-        x_edges = (np.geomspace if log else np.linspace)(seen[0], seen[-1], columns + 1)
+    visible = np.sort(values[(values >= left) & (values <= right)])
+    visible = visible if len(visible) > 1 else np.sort(values)
+    x_edges = cell_edges(visible, log)
+    if len(visible) > columns:
+        x_edges = (np.geomspace if log else np.linspace)(visible[0], visible[-1], columns + 1)
     return x_edges, np.linspace(low, high, rows + 1)
 
 
@@ -211,8 +211,8 @@ def _pixels_in_view(
     """Yield the points of a line in a panel in parts: their number, the number of their pixel."""
     column = np.searchsorted(x_edges, values, side="right") - 1
     column[values == x_edges[-1]] = len(x_edges) - 2
-    seen = (column >= 0) & (column < len(x_edges) - 1)
-    for indices, y in computed_parts(line, coordinate):
-        indices, y = indices[seen[indices]], y[seen[indices]]
-        place, pixel = pixels_of(column[indices], y, len(y_edges) - 1, *y_edges[[0, -1]])
-        yield indices[place], pixel
+    visible = (column >= 0) & (column < len(x_edges) - 1)
+    for indices, y in computed_chunks(line, coordinate):
+        indices, y = indices[visible[indices]], y[visible[indices]]
+        index, pixel = pixels_of(column[indices], y, len(y_edges) - 1, *y_edges[[0, -1]])
+        yield indices[index], pixel

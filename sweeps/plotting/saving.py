@@ -108,7 +108,7 @@ def _check_settings(file: str) -> None:
 def _check_size(figure: Figure, kind: str = "png") -> None:
     """Refuse a figure of too many pixels, which one of vectors has where parts are pixels."""
     width, height = figure.get_size_inches() * dots_per_inch()
-    pixels = kind in ("png", *_TIFF) or any(part.get_rasterized() for part in figure.findobj())
+    pixels = kind in ("png", *_TIFF) or any(artist.get_rasterized() for artist in figure.findobj())
     if pixels and max(width, height) >= _MOST_PIXELS:
         raise Refused(
             f"a picture of {width:.0f} x {height:.0f} pixels is too large; expected: less than "
@@ -152,8 +152,8 @@ def _as_tiff(png: BytesIO, about: Mapping[str, str]) -> bytes:
 
     tiff, tags = BytesIO(), {int(tag): text.encode() for tag, text in about.items()}
     with Image.open(png) as image:
-        look = {"compression": "tiff_lzw", "dpi": image.info["dpi"], "tiffinfo": tags}
-        image.convert("RGB").save(tiff, "tiff", **look)
+        options = {"compression": "tiff_lzw", "dpi": image.info["dpi"], "tiffinfo": tags}
+        image.convert("RGB").save(tiff, "tiff", **options)
     return tiff.getvalue()
 
 
@@ -187,15 +187,15 @@ def _make_one_image(panel: Axes) -> None:
 
 def _with_comments(image: bytes, title: str, text: str) -> bytes:
     """Return a file without its date, with a title, and with a text as comments."""
-    head, mark, body = image.partition(b"%%EndComments\n")
+    head, separator, body = image.partition(b"%%EndComments\n")
     head = re.sub(rb"(?m)^%%CreationDate:.*\n", b"", head)
     named = _comment("%%", f"Title: {title}") if title else b""
     comments = b"".join(_comment("%", f" {line}") for line in text.splitlines())
-    return head + named + mark + comments + body
+    return head + named + separator + comments + body
 
 
-def _comment(mark: str, line: str) -> bytes:
+def _comment(prefix: str, line: str) -> bytes:
     """Return a comment of PostScript, in further lines that begin with a plus if it is long."""
-    escaped = "".join(one if " " <= one <= "~" else ascii(one)[1:-1] for one in line)
-    parts = [escaped[i : i + _MOST_IN_LINE] for i in range(0, len(escaped), _MOST_IN_LINE)]
-    return (mark + f"\n{mark}+".join(parts) + "\n").encode("ascii")
+    escaped = "".join(c if " " <= c <= "~" else ascii(c)[1:-1] for c in line)
+    lines = [escaped[i : i + _MOST_IN_LINE] for i in range(0, len(escaped), _MOST_IN_LINE)]
+    return (prefix + f"\n{prefix}+".join(lines) + "\n").encode("ascii")

@@ -1,4 +1,4 @@
-"""Colours by their meaning, ramps, inks, hatches; matplotlib's settings, of a user and in grey.
+"""`Look`: colours by their meaning, hatches, markers, dashes; ramps, inks; matplotlib's settings.
 
 Any two colours of one picture can be told apart with normal colour vision, deuteranopia and
 protanopia: they differ by at least 10 in CIEDE2000. Dots and lines are darker than cells. A colour
@@ -253,7 +253,7 @@ def dot_colour(colour: str) -> str:
 
 def legible(ramp: Colormap) -> Colormap:
     """Return the colours of a ramp that dots can have."""
-    colours = [one for one in map(to_hex, ramp(range(256))) if _contrast(one, ground()) >= _LEGIBLE]
+    colours = [c for c in map(to_hex, ramp(range(256))) if _contrast(c, ground()) >= _LEGIBLE]
     return LinearSegmentedColormap.from_list(ramp.name, colours) if colours else ramp
 
 
@@ -264,8 +264,8 @@ def hatch_on(colour: str) -> str:
 
 def mix(colour: str, other: str, share: float) -> str:
     """Return a mixture of two colours, with this share of the first."""
-    one, two = np.array(to_rgb(colour)), np.array(to_rgb(other))
-    return to_hex(tuple((share * one + (1.0 - share) * two).clip(0.0, 1.0)))
+    first, second = np.array(to_rgb(colour)), np.array(to_rgb(other))
+    return to_hex(tuple((share * first + (1.0 - share) * second).clip(0.0, 1.0)))
 
 
 def shades(colour: str, paper: str, dark: str) -> list[str]:

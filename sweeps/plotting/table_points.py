@@ -24,7 +24,7 @@ from sweeps.opened.coordinates import ORDINATES
 from sweeps.opened.opened_sweep import OpenedSweep, Selection
 from sweeps.plotting import canvas, contents, labels
 from sweeps.plotting.colours import has_scale, legend_entries, paint_of
-from sweeps.plotting.contents import Wanted
+from sweeps.plotting.contents import Numbers
 from sweeps.plotting.marks import mark_status, marker_size
 from sweeps.plotting.page import PAGE, Page, styled
 from sweeps.plotting.pixels import in_view
@@ -53,16 +53,16 @@ class Overlay(NamedTuple):
 
     columns: dict[str, np.ndarray]  # in the units of the head or of the picture
     units: dict[str, float]  # of the columns that name theirs, in those of the dataset
-    seen: Mapping[str, xr.DataArray]  # describes what the picture shows
+    variables: Mapping[str, xr.DataArray]  # describes what the picture shows
     labels: np.ndarray
 
-    def values(self, name: str, ends: Any, text: str | None = None) -> np.ndarray:
+    def values(self, name: str, limits: Any, text: str | None = None) -> np.ndarray:
         """Return a column in the unit of the dataset.
 
         Without a unit of its own it has that of an axis or a bar with these ends and this text.
         """
-        size = float(np.abs(ends).max())
-        factor = self.units.get(name, labels.prefix_of(self.seen[name], size, text)[1])
+        size = float(np.abs(limits).max())
+        factor = self.units.get(name, labels.prefix_of(self.variables[name], size, text)[1])
         return factor * self.columns[name]
 
 
@@ -77,29 +77,29 @@ def read_overlay(
         return None
     names = [name for group in needed for name in group]
     names += [quantity] if quantity and has_scale(quantity) else []
-    seen = {name: _in_shown_unit(sweep, name) for name in names}
+    variables = {name: _in_shown_unit(sweep, name) for name in names}
     heads, is_file = dict[str, tuple[str, str]](), isinstance(source, str | Path)
 
     def check(columns: list[str]) -> Mapping[str, Parameter]:
         check_header(columns)
         if not columns:
-            raise ValueError(f"the table is empty; {_expected(seen)}")
+            raise ValueError(f"the table is empty; {_expected(variables)}")
         for head in columns:
             if head != LABEL:
-                heads[head] = _name_and_unit(head, seen)
+                heads[head] = _name_and_unit(head, variables)
         named = [name for name, _ in heads.values()]
         for name in named:
             if named.count(name) > 1:
                 raise ValueError(f"column {name} is given twice; expected: once")
         for group in needed:
             if not {*group} & {*named}:
-                raise ValueError(f"there is no column {' or '.join(group)}; {_expected(seen)}")
+                raise ValueError(f"there is no column {' or '.join(group)}; {_expected(variables)}")
         return dict.fromkeys(heads, Parameter("", "", "", -labels.LARGEST, labels.LARGEST))
 
     try:
         table = read_columns(source, Path(), check)
-        known = {head: labels.units_of(seen[name]) for head, (name, _) in heads.items()}
-        units = {name: known[head][unit] for head, (name, unit) in heads.items() if unit}
+        allowed = {head: labels.units_of(variables[name]) for head, (name, _) in heads.items()}
+        units = {name: allowed[head][unit] for head, (name, unit) in heads.items() if unit}
         stem = Path(source).stem if is_file else "overlay"
         cells = table[LABEL] if LABEL in (table.dtype.names or ()) else [stem] * len(table)
         texts = np.array([_label_in(cell, stem) for cell in cells])
@@ -109,7 +109,8 @@ def read_overlay(
             raise ValueError(f"{where}there are {len({*texts})} labels; {most}")
     except ValueError as error:
         raise Refused(f"overlay{' ' if is_file else ': '}{error}") from None
-    return Overlay({name: table[head] for head, (name, _) in heads.items()}, units, seen, texts)
+    columns = {name: table[head] for head, (name, _) in heads.items()}
+    return Overlay(columns, units, variables, texts)
 
 
 def _in_shown_unit(sweep: OpenedSweep, name: str) -> xr.DataArray:
@@ -119,19 +120,19 @@ def _in_shown_unit(sweep: OpenedSweep, name: str) -> xr.DataArray:
     return contents.with_number(sweep, name)[0][name]
 
 
-def _expected(seen: Mapping[str, xr.DataArray]) -> str:
-    return f"expected: columns out of {', '.join([*seen, LABEL])}, with commas between them"
+def _expected(variables: Mapping[str, xr.DataArray]) -> str:
+    return f"expected: columns out of {', '.join([*variables, LABEL])}, with commas between them"
 
 
-def _name_and_unit(head: str, seen: Mapping[str, xr.DataArray]) -> tuple[str, str]:
+def _name_and_unit(head: str, variables: Mapping[str, xr.DataArray]) -> tuple[str, str]:
     """Split the head of a column into the name and the unit, which may be empty; check both."""
     match = re.fullmatch(r"(.*?)\s*\[\s*(.*?)\s*\]", head)
     name, unit = (match[1], match[2]) if match else (head, "")
-    if name not in seen:
-        text, meant = shortened(printable(name)), suggestion(near_misses(name, [*seen, LABEL]))
-        raise ValueError(f"the picture has no {text}{meant}; {_expected(seen)}")
+    if name not in variables:
+        text, meant = shortened(printable(name)), suggestion(near_misses(name, [*variables, LABEL]))
+        raise ValueError(f"the picture has no {text}{meant}; {_expected(variables)}")
     unit = unit.replace("\N{GREEK SMALL LETTER MU}", "\N{MICRO SIGN}")
-    known = labels.units_of(seen[name])
+    known = labels.units_of(variables[name])
     if match and unit not in known:
         wrong = f"column {name} in {shortened(printable(unit)) or '(nothing)'} is not allowed"
         raise ValueError(f"{wrong}; expected: {' or '.join(known) or 'no unit'}")
@@ -169,19 +170,19 @@ def draw_overlay(
         y = overlay.values(ordinate, panel.yaxis.get_view_interval(), page_there.ylabel)
         if scale is None:
             _make_room(panel, x, y, page_there)
-        seen = in_view(panel, x, y)
-        inside |= seen
+        visible = in_view(panel, x, y)
+        inside |= visible
         size = marker_size(x, y, *_SIZES)
         for text, marker in markers.items():
-            here = seen & (overlay.labels == text)
-            look = {"marker": marker, "zorder": 7.0, "linewidths": 0.6}
+            here = visible & (overlay.labels == text)
+            props = {"marker": marker, "zorder": 7.0, "linewidths": 0.6}
             if scale is not None and scale[0] in overlay.columns:
                 _, ramp, norm = scale
                 values = overlay.values(scale[0], (norm.vmin, norm.vmax))[here]
-                look |= {"c": ramp(norm(values)), "edgecolors": ink()}
+                props |= {"c": ramp(norm(values)), "edgecolors": ink()}
             else:
-                look |= {"color": ink(), "edgecolors": ground()}
-            panel.scatter(x[here], y[here], size**2, **look)
+                props |= {"color": ink(), "edgecolors": ground()}
+            panel.scatter(x[here], y[here], size**2, **props)
     if not inside.any():
         raise Refused(
             "no point of the overlay is within the limits of the picture; expected: values in the "
@@ -196,8 +197,8 @@ def _handle(text: str, inside: np.ndarray, marker: str) -> Line2D:
     """Return the entry of a label, which counts the points outside."""
     outside = np.count_nonzero(~inside)
     text += f" ({outside:,} of {len(inside):,} outside)" if outside else ""
-    look: dict[str, Any] = {"color": ink(), "markeredgecolor": ground(), "markersize": _SIZES[1]}
-    return Line2D([], [], linestyle="", marker=marker, label=text, markeredgewidth=0.6, **look)
+    props: dict[str, Any] = {"color": ink(), "markeredgecolor": ground(), "markersize": _SIZES[1]}
+    return Line2D([], [], linestyle="", marker=marker, label=text, markeredgewidth=0.6, **props)
 
 
 def _page_of(panel: Axes, page: Page, first: Axes) -> Page:
@@ -220,13 +221,13 @@ def _make_room(panel: Axes, x: np.ndarray, y: np.ndarray, page: Page) -> None:
             continue
         scaled = axis.get_transform()
         low, high = np.sort(scaled.transform(np.array(axis.get_view_interval())))
-        places = scaled.transform(values)
-        margin = _MARGIN * (max(high, places.max()) - min(low, places.min()))
-        ends = [
-            places.min() - margin if places.min() < low else low,
-            places.max() + margin if places.max() > high else high,
+        positions = scaled.transform(values)
+        margin = _MARGIN * (max(high, positions.max()) - min(low, positions.min()))
+        bounds = [
+            positions.min() - margin if positions.min() < low else low,
+            positions.max() + margin if positions.max() > high else high,
         ]
-        labels.set_ends(axis, *scaled.inverted().transform(ends).tolist())
+        labels.set_lim(axis, *scaled.inverted().transform(bounds).tolist())
 
 
 #: Least width of a panel, for its labels [inch].
@@ -241,8 +242,8 @@ def table_panels(
     *,
     axes: Sequence[str] = (),
     at: Selection | None = None,
-    quantity: Wanted | None = None,
-    color: Wanted | None = None,
+    quantity: Numbers | None = None,
+    color: Numbers | None = None,
     overlay: Any = None,
     panels: Sequence[str] = (),
     page: Page = PAGE,
@@ -275,11 +276,11 @@ def table_panels(
     sweep.cut(at, free=[TABLE])  # refuses a value of TABLE
     color = ("period" if "period" in sweep else "status") if color is None else color
     quantity = "impacts_per_period" if quantity is None else quantity
-    sweep, (tint, ordinate, *there) = _with_columns(sweep, color, quantity, axes)
+    sweep, (tint, ordinate, *available) = _with_columns(sweep, color, quantity, axes)
     beside = max(1, int(canvas.width_of(page) / _LEAST_WIDTH))
-    abscissas = canvas.chosen_panels(panels, there)
+    abscissas = canvas.chosen_panels(panels, available)
     if not (axes or panels):
-        abscissas = there[: 1 if ax is not None else _MOST_ROWS * beside]
+        abscissas = available[: 1 if ax is not None else _MOST_ROWS * beside]
     if ax is not None and len(abscissas) > 1:
         raise Refused(f"ax is one panel, and {listed(abscissas)} take {len(abscissas)}: choose one")
     paint = paint_of(sweep, tint, dots=True, grey=page.grey)
@@ -309,27 +310,27 @@ def table_panels(
     for panel, _, x in places:
         mark_status(panel, x.values, sweep["status"].values)
     page.set_limits(grid[0])  # again: the marks widen the ordinate
-    seen = np.zeros(y.shape, bool)
+    visible = np.zeros(y.shape, bool)
     for panel, _, x in places:
-        paint.mark(panel, x.values[:, None], y.values[:, None])
-        seen |= in_view(panel, x.values, y.values)
-    paint = paint.within(seen)
+        paint.add_markers(panel, x.values[:, None], y.values[:, None])
+        visible |= in_view(panel, x.values, y.values)
+    paint = paint.within(visible)
     measured = draw_overlay(points, [(each, name, ordinate) for each, name, _ in places], page)
     handles, title = legend_entries(paint, grid, grid[-1].get_legend_handles_labels()[0])
     handles += measured
-    if ax is None and not (axes or panels) and (further := len(there) - len(abscissas)):
+    if ax is None and not (axes or panels) and (further := len(available) - len(abscissas)):
         handles.append(Line2D([], [], linestyle="", label=shown_count(further, "further column")))
     return canvas.finish(grid[0], page, sweep, handles, title)
 
 
 def _with_columns(
-    sweep: OpenedSweep, color: Wanted, quantity: Wanted, axes: Sequence[Wanted]
+    sweep: OpenedSweep, color: Numbers, quantity: Numbers, axes: Sequence[Numbers]
 ) -> tuple[OpenedSweep, list[str]]:
-    """Return the dataset with what is wanted, and the names; the abscissas are what varies."""
+    """Return the dataset with the quantities, and their names; abscissas are columns that vary."""
     columns = [name for name, values in sweep.columns.items() if values.dtype.kind in "iuf"]
     varying = [name for name in columns if np.ptp(sweep[name].values) > 0.0] or columns[:1]
     names = []
-    for wanted in (color, quantity, *([*axes] or varying)):
-        sweep, name = contents.with_number(sweep, wanted)
+    for each in (color, quantity, *([*axes] or varying)):
+        sweep, name = contents.with_number(sweep, each)
         names.append(name)
     return sweep, names
