@@ -79,12 +79,13 @@ def _swept(config: SweepConfig) -> Iterator[tuple[str, np.ndarray, str]]:
     for name, unit in config.column_units.items():
         assert config.points is not None
         yield name, config.points[name], unit
-    seen = config.nomenclature
+    nomenclature = config.nomenclature
     if "mass" in config.columns:  # columns of the model vary with it, without a single conversion
-        seen = replace(seen, rig=None)
+        nomenclature = replace(nomenclature, rig=None)
     for name, values in config.sweep.grid.swept.items():
         if config.points is None or name in config.columns:
-            yield seen.name(name), seen.value(name, values), seen.unit(seen.about(name).unit)
+            unit = nomenclature.unit(nomenclature.about(name).unit)
+            yield nomenclature.name(name), nomenclature.value(name, values), unit
 
 
 def run_summary(path: Path, sweep: Sweep) -> tuple[str, bool]:
@@ -106,12 +107,12 @@ def kept_text(path: Path, command: str, old: tuple[object, object] = (None, None
     """
     name = parts_path(path)
     try:
-        (file, schema), points = identities(path), kept_points(path)
+        (file, schema), counts = identities(path), kept_points(path)
         complete = file is not None and is_sweep(path)
     except StoreError as error:
         return f"what is kept is not known, because {error}; to go on: {command}"
-    if points is not None and schema != old[1]:
-        done, total = points
+    if counts is not None and schema != old[1]:
+        done, total = counts
         return f"{done:,} of {shown_count(total, 'point')} kept in {name}; to go on: {command}"
     if old != (None, None) and (file, schema) == old:
         return f"nothing of it is kept, and the old {path if file else name} is unchanged"
@@ -124,8 +125,8 @@ def shown_axis(name: str, values: np.ndarray, unit: str) -> str:
         return f"{name} = {', '.join(values)}"
     if values.dtype.kind in "OU":
         return f"{name}, {shown_count(len(values), 'text')}"
-    ends = shown_range(values.tolist())
-    return f"{name} = {ends}{in_brackets(unit)}, {shown_count(len(values), 'value')}"
+    span = shown_range(values.tolist())
+    return f"{name} = {span}{in_brackets(unit)}, {shown_count(len(values), 'value')}"
 
 
 def status_counts(variables: Mapping[Any, Any]) -> dict[Status, int]:
@@ -149,9 +150,9 @@ def outcomes(variables: Mapping[Any, Any], impact: str) -> str:
     elif remarks:
         text += f", of which {'; '.join(remarks)}"
     status = np.asarray(variables["status"])
-    known = has_result(status[status != Status.PENDING])
+    computed = has_result(status[status != Status.PENDING])
     contact = (np.asarray(variables[name]) > 0.0 for name in _CONTACT)  # False for NaN
-    if known.size and known.all() and not any(met.any() for met in contact):
+    if computed.size and computed.all() and not any(met.any() for met in contact):
         proved = np.all(variables.get("class_evidence") == Evidence.FREE)
         text += f"; no impact in any record{': no motion meets the stop' if proved else ''}"
     return text
@@ -167,26 +168,26 @@ def destinations_text(
     if "class_evidence" not in results or not has_result(results["status"]).any():
         return []
     regimes = regimes_of(results, omega, periods)
-    parts = by_destination(regimes, results["orbit_distance"])
+    masks = by_destination(regimes, results["orbit_distance"])
     reasons = [
         f"{number:,} {reason.reason(impact)}"
         for reason in (Evidence.NONE, Evidence.UNSTABLE, Evidence.UNREACHED)
-        if (number := int((parts[UNKNOWN] & (results["class_evidence"] == reason)).sum()))
+        if (number := int((masks[UNKNOWN] & (results["class_evidence"] == reason)).sum()))
     ]
     hint = []
-    if "transient" not in results and parts[ON_ITS_WAY].mean() >= _MANY:
+    if "transient" not in results and masks[ON_ITS_WAY].mean() >= _MANY:
         hint = ["to settle them: record.transient: auto, or with follow a longer transient"]
     if regimes.size == 1:
-        (word,) = (word for word, mask in parts.items() if mask.any())
+        (word,) = (word for word, mask in masks.items() if mask.any())
         m, q = (int(results[name].item()) for name in ("period", "period_impacts"))
         word = rest_of([m]) if word == RESTING else word
         why = f", {reasons[0][2:]}" if reasons else ""
         return [f"the motion: {word.replace('m/q', f'{m}/{q}')}{why}", *hint]
-    total = sum(int(mask.sum()) for mask in parts.values())
+    total = sum(int(mask.sum()) for mask in masks.values())
     lines = [
         "; ".join(
             f"{word}: {number:,} ({100.0 * number / total:.3g} %)"
-            for word, mask in parts.items()
+            for word, mask in masks.items()
             if (number := int(mask.sum()))
         )
     ]

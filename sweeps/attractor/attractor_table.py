@@ -77,7 +77,7 @@ def parameter_axes(sweep: OpenedSweep) -> tuple[str, ...]:
 
 def starts_at(sweep: OpenedSweep, at: Selection) -> OpenedSweep:
     """Fix parameters and the phase of the starts nearest to `at`; keep all other starts there."""
-    return sweep.isel(sweep.places(at, kept=("x0", "v0", DIRECTION, TABLE)))
+    return sweep.isel(sweep.indices(at, free=("x0", "v0", DIRECTION, TABLE)))
 
 
 def attractor_rows(sweep: OpenedSweep, result: xr.Dataset) -> list[AttractorRow]:

@@ -141,7 +141,7 @@ def find_bifurcations(
     import pandas as pd
 
     (along,) = sweep.chosen_axes([] if axis is None else [axis], at, 1, "list of bifurcations")
-    data = sweep.isel(sweep.places(at or {}, kept=[along])).sortby(along)
+    data = sweep.isel(sweep.indices(at or {}, free=[along])).sortby(along)
     sweep.check("period")
     others = [name for name in data.grid if name != along]
     data = data.transpose(*others, along)
@@ -185,7 +185,7 @@ def explained_changes(
     Crises are sought if there are `sections`. The attribute is the number of unclassified points.
     """
     others = [name for name in data.grid if name != along]
-    spec, seen, parameter = data.spec, data.nomenclature, data.nomenclature.parameter(along)
+    spec, nomenclature, parameter = data.spec, data.nomenclature, data.nomenclature.parameter(along)
     motions, coordinates = data.motions, data.data.coords.to_dataset()
     period, impacts = data.values(("period", "period_impacts")).values()
     rows, unclassified = list[dict[str, Any]](), 0
@@ -215,7 +215,7 @@ def explained_changes(
         low, value, high = (table[name] for name in ("low", "value", "high"))
         # The middle in the model: that in another unit is another value, with another place.
         place = np.where(np.isnan(value), 0.5 * (low + high), value)
-        low, value, high, place = seen.value(parameter, np.stack([low, value, high, place]))
+        low, value, high, place = nomenclature.value(parameter, np.stack([low, value, high, place]))
         # The rounding of a conversion may move a value beyond its neighbours.
         table |= {"low": low, "value": value.clip(low, high), "high": high, "place": place}
     columns = {name: (("row", "label")[: part.ndim], part) for name, part in table.items()}

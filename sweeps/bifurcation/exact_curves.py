@@ -332,7 +332,7 @@ def curves_summary(
     reasons: Mapping[str, Counter[str]],
 ) -> str:
     """Write lines on the curves found in a cut, and on the reasons why changes have no curve."""
-    seen, kinds = cut.nomenclature, Counter(curve.kind for curve in curves)
+    nomenclature, kinds = cut.nomenclature, Counter(curve.kind for curve in curves)
     counted = listed([f"{kinds[kind]} of {kind}s" for kind in CURVE_KINDS if kinds[kind]]) or "none"
     lines = [f"{shown_count(len(curves), 'exact curve')}: {counted}"]
     followed = {(curve.m, curve.q) for curve in curves}
@@ -357,7 +357,8 @@ def curves_summary(
             if point.kind == "lost":
                 values = zip(curve.parameters, point.value.tolist(), strict=True)
                 where = ", ".join(
-                    f"{seen.name(name)} = {seen.value(name, value):g}" for name, value in values
+                    f"{nomenclature.name(name)} = {nomenclature.value(name, value):g}"
+                    for name, value in values
                 )
                 why = lost_text(len(curve.values), point.orbit.speeds)
                 name = f"{curve.kind}s of {curve.m}/{curve.q}"

@@ -315,7 +315,7 @@ def save_table(csv: Path | None, table: Any, *, error: bool = False) -> None:
 
 def say_moved(sweep: OpenedSweep, requested: Selection, verb: str) -> None:
     """Report each requested value that is not on the grid, and the value used instead."""
-    used = sweep.isel(sweep.places(requested))
+    used = sweep.isel(sweep.indices(requested))
     for name, value in requested.items():
         if isinstance(value, float) and not math.isclose(value, used[name].item(), rel_tol=1e-9):
             asked, there = told_apart(value, used[name].item())

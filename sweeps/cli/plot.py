@@ -287,7 +287,7 @@ def _exact(
     from sweeps.bifurcation.exact_branches import MOST_BRANCHES, branches
     from sweeps.bifurcation.exact_curves import curves
     from sweeps.opened import tables
-    from sweeps.opened.kept import with_cache
+    from sweeps.opened.result_cache import with_cache
     from sweeps.plotting.contents import refuse_without_branches, select_line
     from sweeps.plotting.exact_lines import without_idle
     from sweeps.plotting.maps import shown_quantity

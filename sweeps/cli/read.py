@@ -43,7 +43,7 @@ def integrity_command(
     """Show how large a disturbance each attractor takes, and at one point the least knock."""
     from sweeps.attractor.integrity import integrity
     from sweeps.attractor.knocks import knocks
-    from sweeps.opened.kept import with_cache
+    from sweeps.opened.result_cache import with_cache
 
     notes = list[str]()
 
@@ -148,7 +148,7 @@ def _show_bifurcations(
     """Show the bifurcations along an axis, and write them to a CSV file if one is given."""
     from sweeps.bifurcation.bifurcation_report import bifurcation_report
     from sweeps.bifurcation.bifurcation_table import find_bifurcations, public_table
-    from sweeps.opened.kept import with_cache
+    from sweeps.opened.result_cache import with_cache
     from sweeps.opened.tables import json_text
 
     notes = list[str]()

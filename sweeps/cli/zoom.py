@@ -187,15 +187,15 @@ def zoomed(config: SweepConfig, pieces: Mapping[str, Limits]) -> SweepConfig:
     if config.points is not None:
         raise Refused("the rows of a table have no axis to zoom into")
     data = yaml_mapping(config.to_yaml(), "the configuration")
-    seen = config.nomenclature
-    axes = {seen.name(key): values for key, values in config.sweep.grid.axes.items()}
+    nomenclature = config.nomenclature
+    axes = {nomenclature.name(key): values for key, values in config.sweep.grid.axes.items()}
     for name, (low, high) in pieces.items():
         if name not in axes:
             raise Refused(
                 f"{name} is not a swept axis{suggestion(near_misses(name, axes))}; "
                 f"expected: {' or '.join(axes) or 'none, since this is a single point'}"
             )
-        group = data[seen.group if name in data[seen.group] else "start"]
+        group = data[nomenclature.group if name in data[nomenclature.group] else "start"]
         spacing = group[name]["spacing"] if isinstance(group[name], dict) else "linear"
         group[name] = {"start": low, "stop": high, "num": len(axes[name]), "spacing": spacing}
     if config.method.impact == "exact":  # find the number of steps that the piece needs

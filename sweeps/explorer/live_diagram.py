@@ -21,7 +21,7 @@ from sweeps.errors import StoreError
 from sweeps.explorer.figures import LEAST_PIXELS, PixelFigure, Report, Step, outer_edges, set_range
 from sweeps.explorer.view import DIAGRAM_TAB, View, Window
 from sweeps.interrupts import check
-from sweeps.opened.coordinates import COORDINATES, recorded_coordinate
+from sweeps.opened.coordinates import COORDINATES, coordinate_in
 from sweeps.opened.motions import motions_from
 from sweeps.plotting import style
 from sweeps.plotting.pixels import pixels_of, widened
@@ -65,7 +65,7 @@ def ramp() -> list[str]:
 def ordinates(config: SweepConfig, results: Mapping[str, np.ndarray], ordinate: str) -> np.ndarray:
     """Return the ordinates of each point, shape (n, width); NaN where there is none."""
     clearance = config.sweep.grid.points()["clearance"][:, None]
-    values = recorded_coordinate({**results, "clearance": clearance}, ordinate)
+    values = coordinate_in({**results, "clearance": clearance}, ordinate)
     return np.where(has_result(results["status"])[:, None], values, np.nan)
 
 

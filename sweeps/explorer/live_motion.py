@@ -19,7 +19,7 @@ from sweeps.errors import Refused
 from sweeps.explorer.controls import labelled
 from sweeps.explorer.figures import Step, label_of, narrow, value_text
 from sweeps.explorer.view import View
-from sweeps.opened.coordinates import continued, periods_shown, refuse_unrecorded
+from sweeps.opened.coordinates import continue_motion, periods_shown, refuse_unrecorded
 from sweeps.opened.motions import motions_from, orbit_of_motion
 from sweeps.plotting.style import BLUE, ORANGE
 from vibroimpact.orbits.periodic import OrbitError
@@ -77,7 +77,7 @@ def motion_at(view: View) -> MotionLines:
             refuse_unrecorded(status, "poincare_x")
         periods = periods_shown(m, _MOST, _UNREPEATED)
         oscillator, begun = oscillator_of(points[0]), float(points["phase"][0])
-        after = continued(oscillator, config.sweep.spec, states, periods, begun)
+        after = continue_motion(oscillator, config.sweep.spec, states, periods, begun)
     except Refused as error:
         return MotionLines(f"{text}; {error}", *nothing)
     start = np.array([[after.rows[0, 0]], [0.0], [0.0]])

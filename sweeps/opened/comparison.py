@@ -25,21 +25,21 @@ _SAMPLE = "sample"
 
 @dataclass
 class Difference:
-    """The values of a variable or coordinate that differ, counted part by part."""
+    """The values of a variable or coordinate that differ, counted chunk by chunk."""
 
     name: str
     values: int = 0  # values that differ
     size: int = 0  # values that were compared
     points: int = 0  # points of the grid with a value that differs
     greatest: float = 0.0  # of the differences of two finite numbers
-    at: Mapping[str, int] = field(default_factory=dict)  # place of the first one, by dimension
+    at: Mapping[str, int] = field(default_factory=dict)  # index of the first one, by dimension
     first: tuple[object, object] = ("", "")  # its two values
 
 
 def differences(
     first: xr.Dataset, second: xr.Dataset, rtol: float = 0.0, atol: float = 0.0
 ) -> Iterator[Difference]:
-    """Yield what was found of each variable and coordinate that both sweeps have.
+    """Yield the difference of each variable and coordinate that both sweeps have.
 
     Two values are equal if both are NaN, or if they differ by at most `atol` plus `rtol` times the
     greater magnitude; integers and texts must be the same, and phases may differ by full turns. Of
@@ -78,31 +78,31 @@ def _refuse_other_shapes(first: xr.Dataset, second: xr.Dataset) -> None:
 def _compared(
     first: xr.Dataset, second: xr.Dataset, name: str, rtol: float, atol: float
 ) -> Difference:
-    """Compare a variable of two sweeps, a part of the points at a time."""
+    """Compare a variable of two sweeps, a chunk of the points at a time."""
     difference = Difference(name)
-    sizes, width, parts = _parts_of(first, second, name)
-    for mine, theirs, start in parts:
-        difference.size += mine.size
-        differ, distance = _distances(name, mine, theirs, rtol, atol)
-        places = np.flatnonzero(differ)
-        if not places.size:
+    sizes, width, chunks = _chunks_of(first, second, name)
+    for a, b, start in chunks:
+        difference.size += a.size
+        differ, distance = _distances(name, a, b, rtol, atol)
+        indices = np.flatnonzero(differ)
+        if not indices.size:
             continue
         if not difference.values:
-            place = np.unravel_index(start * width + int(places[0]), tuple(sizes.values()) or (1,))
-            difference.at = dict(zip(map(str, sizes), map(int, place), strict=False))
-            difference.first = mine[places[0]], theirs[places[0]]
-        difference.values += places.size
-        difference.points += len(np.unique(places // width))
-        difference.greatest = max(difference.greatest, float(distance[places].max()))
+            index = np.unravel_index(start * width + int(indices[0]), tuple(sizes.values()) or (1,))
+            difference.at = dict(zip(map(str, sizes), map(int, index), strict=False))
+            difference.first = a[indices[0]], b[indices[0]]
+        difference.values += indices.size
+        difference.points += len(np.unique(indices // width))
+        difference.greatest = max(difference.greatest, float(distance[indices].max()))
     return difference
 
 
-def _parts_of(
+def _chunks_of(
     first: xr.Dataset, second: xr.Dataset, name: str
 ) -> tuple[Mapping[Hashable, int], int, Iterable[tuple[np.ndarray, np.ndarray, int]]]:
-    """Return the sizes of a variable, its values per point, and parts of it in both sweeps.
+    """Return the sizes of a variable, its values per point, and chunks of it in both sweeps.
 
-    Each part has flat values of both and the number of its first point.
+    Each chunk has flat values of both and the number of its first point.
     """
     if name in first.coords:
         bare = (data[name].drop_vars(data[name].coords) for data in (first, second))
@@ -113,11 +113,11 @@ def _parts_of(
     shape = first["status"].variable.to_base_variable()
     joint = xr.Dataset({"status": shape, "first": variables[0], "second": variables[1]})
     width = math.prod(variables[0].shape[len(axes) :])
-    parts = (
+    chunks = (
         (cut["first"].values.ravel(), cut["second"].values.ravel(), points.start)
         for cut, points in in_chunks(joint, _VALUES_COMPARED // max(1, width))
     )
-    return variables[0].sizes, width, parts
+    return variables[0].sizes, width, chunks
 
 
 def _distances(
@@ -148,15 +148,15 @@ def comparison_report(
 ) -> tuple[str, bool]:
     """Write what differs in two opened sweeps of these names; return also whether anything does."""
     results = list(differences(first, second, rtol, atol))
-    mine, theirs = (str(data.attrs["configuration"]) for data in (first, second))
-    keys = differing_keys(mine, theirs)
+    first_text, second_text = (str(data.attrs["configuration"]) for data in (first, second))
+    keys = differing_keys(first_text, second_text)
     differing = [each for each in results if each.values]
-    seen = OpenedSweep(first).config.nomenclature if differing else Nomenclature()
-    own = {each.name for each in differing}  # a column ``frequency`` stands for ``omega``
+    nomenclature = OpenedSweep(first).config.nomenclature if differing else Nomenclature()
+    variables = {each.name for each in differing}  # a column ``frequency`` stands for ``omega``
     by_name = {
-        called: _line(first, seen, each)
+        called: _line(first, nomenclature, each)
         for each in differing
-        if (called := seen.name(each.name)) == each.name or called not in own
+        if (called := nomenclature.name(each.name)) == each.name or called not in variables
     }
     causes, lines = [*keys], [*by_name.values()]
     if keys and not (rtol or atol):
@@ -192,25 +192,25 @@ def _in_short(lines: Mapping[str, str], keys: Iterable[str]) -> tuple[list[str],
     return causes, [f"{lines[full]}{beside}"]
 
 
-def _line(sweep: xr.Dataset, seen: Nomenclature, difference: Difference) -> str:
+def _line(sweep: xr.Dataset, nomenclature: Nomenclature, difference: Difference) -> str:
     """Write how many values of a variable differ, the first ones, and the greatest difference."""
-    name, called = difference.name, seen.name(difference.name)
-    here = [
-        f"{seen.name(axis)} = {_shown(seen.value(axis, sweep[axis].values[place]))}"
-        for axis, place in difference.at.items()
+    name, called = difference.name, nomenclature.name(difference.name)
+    coordinates = [
+        f"{nomenclature.name(axis)} = {_shown(nomenclature.value(axis, sweep[axis].values[index]))}"
+        for axis, index in difference.at.items()
     ]
     if name in sweep.coords:
         where = f"{called}: {difference.values:,} of {difference.size:,} values differ"
         if difference.size == 1:
             where = f"{called}: differs"
         if name in sweep.dims:
-            here = [f"number {1 + place}" for place in difference.at.values()]
+            coordinates = [f"number {1 + index}" for index in difference.at.values()]
     else:
         points = shown_count(sweep["status"].size, "point")
         where = f"{name}: differs at {difference.points:,} of {points}"
         if difference.size > sweep["status"].size:
             where += f" ({difference.values:,} of {difference.size:,} values)"
-    first = f", first at {', '.join(here)}" if here else ""
+    first = f", first at {', '.join(coordinates)}" if coordinates else ""
     values = " and ".join(_values(name, difference.first))
     measured = difference.greatest and name not in FLAGS
     most = f"; greatest difference {difference.greatest:.3g}" if measured else ""

@@ -28,7 +28,7 @@ _STATES_READ = 500_000
 _Values = TypeVar("_Values", xr.DataArray, np.ndarray)
 
 
-def recorded(point: OpenedSweep, names: tuple[str, ...]) -> list[np.ndarray]:
+def values_at_point(point: OpenedSweep, names: tuple[str, ...]) -> list[np.ndarray]:
     """Read variables at one point, without padding; refuse a point that has no values."""
     columns = np.array([point[name].values for name in names])
     columns = columns[:, np.isfinite(columns).all(axis=0)]
@@ -64,7 +64,7 @@ ORDINATES: Mapping[str, Variable] = {
 }
 
 
-def recorded_coordinate(record: Mapping[Any, _Values], coordinate: str) -> _Values:
+def coordinate_in(record: Mapping[Any, _Values], coordinate: str) -> _Values:
     """Return a coordinate at the points of a sweep, recorded or computed from x.
 
     `record` is a Dataset, or results by name and ``clearance``, which broadcasts against x.
@@ -85,19 +85,19 @@ def orbit_coordinates(orbits: Orbits, phase: float) -> dict[str, np.ndarray]:
 
 
 def records(sweep: OpenedSweep, name: str, at: np.ndarray) -> np.ndarray:
-    """Return a coordinate at points given in C order, shape (k, record), reading in parts."""
+    """Return a coordinate at points given in C order, shape (k, record), reading in chunks."""
     width = sweep.sizes[ORDINATES[name].dimension]
     result = np.empty((len(at), width))
-    for part, cut in in_chunks(sweep.data, _STATES_READ // width):
-        wanted = np.flatnonzero((at >= cut.start) & (at < cut.stop))
-        if len(wanted):
-            values = recorded_coordinate(part, name).values.reshape(-1, width)
-            result[wanted] = values[at[wanted] - cut.start]
+    for chunk, cut in in_chunks(sweep.data, _STATES_READ // width):
+        rows = np.flatnonzero((at >= cut.start) & (at < cut.stop))
+        if len(rows):
+            values = coordinate_in(chunk, name).values.reshape(-1, width)
+            result[rows] = values[at[rows] - cut.start]
     return result
 
 
 def in_chunks(dataset: xr.Dataset, size: int) -> Iterator[tuple[xr.Dataset, slice]]:
-    """Yield parts of at most `size` points (at least 1), each with its slice of all in C order."""
+    """Yield chunks of at most `size` points (at least 1), each with its slice of all in C order."""
     sizes, stop = dataset["status"].sizes, 0
     grid = Grid({str(name): np.empty(length) for name, length in sizes.items()}, {})
     for block in grid.blocks(max(1, size)):
@@ -121,7 +121,7 @@ class PointMotion:
     rows: np.ndarray
     depth: float  # largest x - clearance in all periods [length]
     periods: int  # number of forcing periods, with those left out
-    begun: float  # omega t where the motion of the sweep began
+    start_phase: float  # omega t where the motion of the sweep began
     turns: int  # number of forcing periods of the sweep before time 0 of the rows
 
     @classmethod
@@ -132,7 +132,7 @@ class PointMotion:
         rows: np.ndarray,
         periods: int,
         most: int,
-        begun: float,
+        start_phase: float,
         turns: int = 0,
     ) -> Self:
         """Return a motion over `periods`, given its rows; keep at most so many of these."""
@@ -144,9 +144,9 @@ class PointMotion:
         chosen = (turn * most) % periods < most  # all, if they are no more
         left_out = ~(chosen | np.append(False, chosen[:-1]))  # a period ends with a row
         first_left_out = left_out & ~np.append(True, left_out[:-1])
-        kept = np.where(left_out, np.nan, rows)[:, ~left_out | first_left_out]
+        reduced = np.where(left_out, np.nan, rows)[:, ~left_out | first_left_out]
         is_exact = spec.integrator == "exact"
-        return cls(oscillator, is_exact, kept, depth, periods, begun, turns)
+        return cls(oscillator, is_exact, reduced, depth, periods, start_phase, turns)
 
     @property
     def impacts(self) -> np.ndarray:
@@ -178,14 +178,14 @@ def motion_of(point: OpenedSweep, periods: int | None, most: int = MOST_DRAWN) -
         (label,) = point.labels
         periods = periods_shown(label.m if label else 0)
     names = TRAJECTORIES if periods is None else ("poincare_x", "poincare_v")
-    columns, begun = recorded(point, names), _begun(point)
+    columns, start_phase = values_at_point(point, names), _start_phase(point)
     oscillator, spec = point.oscillator, replace(point.spec, transient=point.transients.item())
     if periods is None:
-        return PointMotion.of(oscillator, spec, np.array(columns), spec.periods, most, begun)
-    return continued(oscillator, spec, columns, periods, begun, most)
+        return PointMotion.of(oscillator, spec, np.array(columns), spec.periods, most, start_phase)
+    return continue_motion(oscillator, spec, columns, periods, start_phase, most)
 
 
-def _begun(point: OpenedSweep) -> float:
+def _start_phase(point: OpenedSweep) -> float:
     """Return omega t where the motion of a point began: at the start, or at a section if followed.
 
     A point of a followed sweep begins at the start only if it is the first of its chain. After a
@@ -194,19 +194,19 @@ def _begun(point: OpenedSweep) -> float:
     spec = point.spec
     if spec.followed is not None:
         values = point.config.sweep.grid.swept[spec.followed]
-        way = point[DIRECTION].item() if DIRECTION in point else spec.directions[0]
-        first = values.min() if way == "up" else values.max()
+        direction = point[DIRECTION].item() if DIRECTION in point else spec.directions[0]
+        first = values.min() if direction == "up" else values.max()
         if values[np.argmin(np.abs(values - float(point[spec.followed])))] != first:
             return spec.phase
     return float(point["phase"])
 
 
-def continued(
+def continue_motion(
     oscillator: Oscillator,
     spec: RunSpec,
     states: Sequence[np.ndarray],
     periods: int,
-    begun: float,
+    start_phase: float,
     most: int = MOST_DRAWN,
 ) -> PointMotion:
     """Compute the motion that follows the last of the recorded section states x and v, (2, n).
@@ -237,6 +237,6 @@ def continued(
         raise Refused(str(error)) from error
     if motion.status.failed:
         raise Refused(f"the motion cannot be computed at this point: {motion.status.meaning}")
-    turns = spec.transient + last + 1 + (begun > spec.phase)  # it passes the section after 2 pi
+    turns = spec.transient + last + 1 + (start_phase > spec.phase)  # passes the section after 2 pi
     rows = np.stack([motion.t, motion.x, motion.v])
-    return PointMotion.of(oscillator, spec, rows, periods, most, begun, turns)
+    return PointMotion.of(oscillator, spec, rows, periods, most, start_phase, turns)

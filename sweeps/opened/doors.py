@@ -163,19 +163,19 @@ def _integers(dataset: xr.Dataset) -> Iterator[tuple[str, xr.DataArray]]:
 
 def _axis_problems(dataset: xr.Dataset) -> Iterator[str]:
     """Yield what no sweep has in its axes and parameters, and what this Dataset lacks there."""
-    dims, held = [str(name) for name in dataset["status"].dims], dataset.coords
+    dims, coords = [str(name) for name in dataset["status"].dims], dataset.coords
     for name in (*dims, "section", "impact", "exponent"):  # no point may have a sample
         if not dataset.sizes.get(name, 1):
             yield f"has no value of {name}"
     for name in (*dims, *PARAMETERS):
         if name not in (*PARAMETERS, DIRECTION, TABLE):
             yield f"has the axis {name}, which no sweep has"
-        if name not in held:
+        if name not in coords:
             yield f"has no coordinate {name}"
-        if held[name].dims not in ([(name,)] if name in dims else [(), (TABLE,)]):
-            over = listed([*map(str, held[name].dims)]) or "no axis"
+        if coords[name].dims not in ([(name,)] if name in dims else [(), (TABLE,)]):
+            over = listed([*map(str, coords[name].dims)]) or "no axis"
             yield f"has {name} over {over}, as no sweep has"
-        values, parameter = held[name].values, PARAMETERS.get(name)
+        values, parameter = coords[name].values, PARAMETERS.get(name)
         if parameter and (values.dtype.kind not in "fiu" or not parameter.accepts(values).all()):
             yield f"has a value of {name} that is not {parameter.allowed}"
 
@@ -211,35 +211,38 @@ def in_si(sweep: OpenedSweep) -> OpenedSweep:
     has_rig = re.search("^rig:", sweep.attrs["configuration"], re.MULTILINE)
     if sweep.in_rig or not has_rig or (rig := sweep.config.rig) is None:
         return sweep
-    dataset, seen = sweep.data, Nomenclature(rig)
+    dataset, nomenclature = sweep.data, Nomenclature(rig)
     mass = dataset["mass"] if rig.mass_varies else xr.DataArray(rig.mass)
     coordinates: dict[str, Any] = {"mass": (mass.dims, mass.values, _about(MASS))}
     for name in PARAMETERS:
         if name in QUANTITIES:
-            model, called = dataset[name], seen.name(name)
-            about = {**model.attrs, **_about(seen.about(name))}
+            model, called = dataset[name], nomenclature.name(name)
+            about = {**model.attrs, **_about(nomenclature.about(name))}
             typed = called != name and called in dataset.coords  # a column of the table
             masses = mass.values if rig.mass_varies else None
             values = dataset[called].values if typed else rig.in_si(name, model.values, masses)
             coordinates[called] = model.dims, values, about
     si = dataset.assign_coords(coordinates).assign(_results_in_si(dataset, mass))
-    si = si.swap_dims({name: seen.name(name) for name in PARAMETERS if name in dataset.dims})
+    axes = (name for name in PARAMETERS if name in dataset.dims)
+    si = si.swap_dims({name: nomenclature.name(name) for name in axes})
     if COLUMN_NAMES in si.attrs:
-        columns = dict.fromkeys(seen.name(name) for name in si.attrs[COLUMN_NAMES].split())
+        columns = dict.fromkeys(nomenclature.name(name) for name in si.attrs[COLUMN_NAMES].split())
         si.attrs[COLUMN_NAMES] = " ".join(columns)
     return OpenedSweep(si, sweep, in_rig=True)
 
 
 def orbits_on_axes(sweep: OpenedSweep, orbits: xr.Dataset) -> xr.Dataset:
     """Return exact branches or curves, over parameters of the model, over the axes."""
-    seen, axes = sweep.nomenclature, [str(name) for name in orbits.coords]
-    if not seen.in_si or _IN_SI in orbits.attrs:
+    nomenclature, axes = sweep.nomenclature, {str(k): v for k, v in orbits.coords.items()}
+    if not nomenclature.in_si or _IN_SI in orbits.attrs:
         return orbits
-    values = {axis: (orbits[axis].dims, seen.value(axis, orbits[axis].values)) for axis in axes}
+    values = {axis: (v.dims, nomenclature.value(axis, v.values)) for axis, v in axes.items()}
     si = orbits.assign_coords(values).assign_attrs({_IN_SI: 1})
     if "range" in si.attrs:  # of branches
-        si.attrs["range"] = seen.value(axes[0], np.array(si.attrs["range"])).tolist()
-    return si.rename({axis: seen.name(axis) for axis in axes})
+        si.attrs["range"] = nomenclature.value(
+            next(iter(axes)), np.array(si.attrs["range"])
+        ).tolist()
+    return si.rename({axis: nomenclature.name(axis) for axis in axes})
 
 
 def _results_in_si(dataset: xr.Dataset, mass: xr.DataArray) -> xr.Dataset:

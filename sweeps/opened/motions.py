@@ -123,15 +123,15 @@ def distances(cycles: Cycles, a: np.ndarray, b: np.ndarray) -> np.ndarray:
     for periods, turns in product(np.unique(m[a]).tolist(), (1, 2)):
         rows = np.flatnonzero((m[a] == periods) & (m[b] == turns * periods))
         size = max(1, _VALUES_AT_ONCE // (turns * periods))
-        for part in (rows[start : start + size] for start in range(0, rows.size, size)):
-            first = np.tile(cycles.states[a[part], :periods], (1, turns, 1))
-            second, R = cycles.states[b[part], : turns * periods], cycles.R[b[part], None]
+        for chunk in (rows[start : start + size] for start in range(0, rows.size, size)):
+            first = np.tile(cycles.states[a[chunk], :periods], (1, turns, 1))
+            second, R = cycles.states[b[chunk], : turns * periods], cycles.R[b[chunk], None]
             turned = (np.roll(first, turn, axis=1) for turn in range(periods))
             apart = [section_distance(cycle, second, 0.0, R) for cycle in turned]
-            both = np.concatenate([first, second], axis=1).reshape(len(part), -1)
+            both = np.concatenate([first, second], axis=1).reshape(len(chunk), -1)
             # Column by column: many short rows have their maxima sooner than by `max`.
             *far, greatest = (reduce(np.maximum, cycle.T) for cycle in (*apart, np.abs(both)))
-            result[part] = reduce(np.minimum, far) / np.where(greatest > 0.0, greatest, 1.0)
+            result[chunk] = reduce(np.minimum, far) / np.where(greatest > 0.0, greatest, 1.0)
     return result
 
 

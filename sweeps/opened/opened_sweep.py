@@ -114,8 +114,8 @@ class OpenedSweep:
     @property
     def nomenclature(self) -> Nomenclature:
         """The names, units and numbers of the axes."""
-        seen = self.config.nomenclature
-        return seen if self.in_rig else replace(seen, rig=None)
+        nomenclature = self.config.nomenclature
+        return nomenclature if self.in_rig else replace(nomenclature, rig=None)
 
     @property
     def followed_symbol(self) -> str:
@@ -123,15 +123,15 @@ class OpenedSweep:
         axis = self.spec.followed
         return "" if axis is None else self.config.nomenclature.about(axis).symbol
 
-    def values(self, names: Iterable[str], if_held: Iterable[str] = ()) -> dict[str, np.ndarray]:
-        """Return parameters, swept or not, and results at every point, some only if they are held.
+    def values(self, names: Iterable[str], optional: Iterable[str] = ()) -> dict[str, np.ndarray]:
+        """Return parameters, swept or not, and results at every point, `optional` ones if there.
 
         The arrays have the shape of the grid, followed by that of a record.
         """
         points = self.data["status"].sizes
-        names = (*names, *(name for name in if_held if name in self))
-        held = {name: self[name].variable for name in names}
-        return {name: each.set_dims({**points, **each.sizes}).values for name, each in held.items()}
+        names = (*names, *(name for name in optional if name in self))
+        raw = {name: self[name].variable for name in names}
+        return {name: each.set_dims({**points, **each.sizes}).values for name, each in raw.items()}
 
     @cached_property
     def points(self) -> np.ndarray:
@@ -154,8 +154,8 @@ class OpenedSweep:
     def transients(self) -> np.ndarray:
         """How many forcing periods every point had before the first section that is held."""
         first = int(self["section"][0]) if "section" in self else 1
-        own = self["transient"].values if self.spec.longest is not None else np.zeros(self.shape)
-        return own.astype(int) + first - 1
+        counts = self["transient"].values if self.spec.longest is not None else np.zeros(self.shape)
+        return counts.astype(int) + first - 1
 
     @property
     def on_its_way(self) -> np.ndarray:
@@ -188,9 +188,9 @@ class OpenedSweep:
     def impacts_left_out(self) -> str:
         """How many impacts of the record were kept at most, in words; empty if all were."""
         met = impacts_met(self["impacts_per_period"].values, self.spec.periods)
-        kept, most = self.sizes["impact"], int(met.max(initial=0))
+        width, most = self.sizes["impact"], int(met.max(initial=0))
         several = "up to " if self["status"].size > 1 else ""
-        return f"last {kept:,} of {several}{shown_count(most, 'impact')}" if most > kept else ""
+        return f"last {width:,} of {several}{shown_count(most, 'impact')}" if most > width else ""
 
     @property
     def recorded_motions(self) -> dict[str, np.ndarray]:
@@ -217,9 +217,9 @@ class OpenedSweep:
         """Return this sweep with other data: a part of them, another order, further variables."""
         return replace(self, data=data, source=self)
 
-    def isel(self, places: Mapping[Any, Any]) -> Self:
-        """Return the points at these places of dimensions."""
-        return self.with_data(self.data.isel(places))
+    def isel(self, indices: Mapping[Any, Any]) -> Self:
+        """Return the points at these indices of dimensions."""
+        return self.with_data(self.data.isel(indices))
 
     def sortby(self, axes: str | list[str]) -> Self:
         """Return the points with increasing values along axes."""
@@ -234,16 +234,16 @@ class OpenedSweep:
         """The sweep once for each direction in which it was followed, or the sweep itself."""
         return [self.isel({DIRECTION: i}) for i in range(len(self.directions))] or [self]
 
-    def places(self, at: Selection, kept: Collection[str] = ()) -> dict[str, int]:
+    def indices(self, at: Selection, free: Collection[str] = ()) -> dict[str, int]:
         """Return the index of the grid value nearest to each value of `at`, and of its direction.
 
-        Refuses names that are no swept axis, or are in `kept`, and values outside their axis.
+        Refuses names that are no swept axis, or are in `free`, and values outside their axis.
         """
-        axes = [name for name in self.axes if name not in kept]
+        axes = [name for name in self.axes if name not in free]
         indices = dict[str, int]()
         for name, value in at.items():
-            if name == DIRECTION and name not in kept:
-                indices[name] = self._place_of_direction(str(value))
+            if name == DIRECTION and name not in free:
+                indices[name] = self._index_of_direction(str(value))
                 continue
             if name not in axes:
                 meant = "" if name in self.grid else suggestion(near_misses(name, axes))
@@ -254,12 +254,12 @@ class OpenedSweep:
             low, high = float(values.min()), float(values.max())
             slack = 1e-9 * max(abs(low), abs(high))  # a user types 0.3 for a grid value of 0.1 * 3
             if not low - slack <= value <= high + slack:
-                asked, first, last = told_apart(value, low, high)
-                raise Refused(f"{name} = {asked} is outside the sweep: {first} to {last}")
+                text, first, last = told_apart(value, low, high)
+                raise Refused(f"{name} = {text} is outside the sweep: {first} to {last}")
             indices[name] = int(np.argmin(np.abs(values - value)))
         return indices
 
-    def _place_of_direction(self, name: str) -> int:
+    def _index_of_direction(self, name: str) -> int:
         """Return the index of a direction of the sweep; refuse any other name."""
         valid = self.directions
         if not valid:
@@ -275,17 +275,17 @@ class OpenedSweep:
         ``direction`` is an axis, too; `at` may fix it also if it is in `free`.
         """
         first = {name: 0 for name in self.grid if name not in free}
-        return self.isel(first | self.places(at or {}, {*free} - {DIRECTION}))
+        return self.isel(first | self.indices(at or {}, {*free} - {DIRECTION}))
 
     def part(self, at: Selection) -> Self:
         """Return the points at the grid values nearest to `at`, with all dimensions."""
-        return self.isel({name: slice(i, i + 1) for name, i in self.places(at).items()})
+        return self.isel({name: slice(i, i + 1) for name, i in self.indices(at).items()})
 
     def at_values(self, at: Mapping[str, Sequence[float]]) -> Self:
         """Return the points at the grid values nearest to several values of axes."""
         chosen = dict[str, list[int]]()
         for name, values in at.items():
-            indices = {self.places({name: value})[name] for value in values}
+            indices = {self.indices({name: value})[name] for value in values}
             if len(indices) < len(values):
                 typed = listed([f"{value:.12g}" for value in values])
                 raise Refused(f"{name} = {typed}: two of these have the same nearest grid value")
@@ -335,10 +335,10 @@ class OpenedSweep:
 
     # What is recorded
 
-    def check(self, *names: str, asked: str = "") -> None:
-        """Refuse a file without a variable that what is `asked` needs; say how to have it."""
+    def check(self, *names: str, derived: str = "") -> None:
+        """Refuse a file without variables, of which `derived` may be made; say how to have them."""
         for name in (name for name in names if name in VARIABLES and name not in self):
-            follows = f"{asked} follows from {name}, and " if asked not in ("", name) else ""
+            follows = f"{derived} follows from {name}, and " if derived not in ("", name) else ""
             raise Refused(f"{follows}the file has no {name}: {self.to_have(name)}")
 
     def to_have(self, name: str) -> str:
@@ -346,8 +346,8 @@ class OpenedSweep:
         diagnostic, dimension = VARIABLES[name].diagnostic, VARIABLES[name].dimension
         key = _KEYS.get(diagnostic) or _KEYS.get(dimension)
         if diagnostic in DIAGNOSTICS:
-            held = {VARIABLES[str(each)].diagnostic for each in self.data if each in VARIABLES}
-            chosen = [each for each in DIAGNOSTICS if each in held | {diagnostic}]
+            kinds = {VARIABLES[str(each)].diagnostic for each in self.data if each in VARIABLES}
+            chosen = [each for each in DIAGNOSTICS if each in kinds | {diagnostic}]
             key = f"diagnostics: [{', '.join(chosen)}]"
         again = "run the sweep again"
         return f"{again} with record.{key}" if key else f"take its whole Dataset, or {again}"

@@ -48,11 +48,11 @@ def branch_table(branches: xr.Dataset, coordinate: str) -> pd.DataFrame:
         columns[f"multiplier_{i}_imag"] = multiplier.imag
     orbits = pd.DataFrame(columns)
     frame = orbits.loc[orbits.index.repeat(orbits["m" if dimension == "section" else "q"])]
-    place = frame.groupby(level=0).cumcount()
-    frame[dimension] = place + 1
+    index = frame.groupby(level=0).cumcount()
+    frame[dimension] = index + 1
     for name, about in COORDINATES.items():
         if about.dimension == dimension:
-            values = branches[name].values[frame.index, place]
+            values = branches[name].values[frame.index, index]
             frame[name] = values % (2.0 * np.pi) if name == "impact_phase" else values
     return frame.reset_index(drop=True)
 
@@ -66,7 +66,7 @@ def curve_table(curves: xr.Dataset) -> pd.DataFrame:
 
 
 #: Number of rows in memory at a time while a table is written.
-_PART = 200_000
+_CHUNK_ROWS = 200_000
 #: What a table can have a row for, with the record dimension of its rows; None for points.
 ROWS: Mapping[str, str | None] = {"points": None, "sections": "section", "impacts": "impact"}
 
@@ -86,15 +86,15 @@ def refuse_points(columns: Collection[str], path: Path | None) -> None:
         )
 
 
-def write_csv(path: Path, parts: Iterable[pd.DataFrame]) -> int:
-    """Write a table in parts, whole or not at all, with all digits; return its number of rows."""
-    written = 0
+def write_csv(path: Path, chunks: Iterable[pd.DataFrame]) -> int:
+    """Write a table in chunks, whole or not at all, with all digits; return its number of rows."""
+    count = 0
     with writing(path, "table") as new:
-        for i, part in enumerate(parts):
+        for i, chunk in enumerate(chunks):
             digits = float.__repr__  # all, whatever the print options of NumPy
-            part.to_csv(new, index=False, header=i == 0, float_format=digits, lineterminator="\n")
-            written += len(part)
-    return written
+            chunk.to_csv(new, index=False, header=i == 0, float_format=digits, lineterminator="\n")
+            count += len(chunk)
+    return count
 
 
 def write_rows(sweep: OpenedSweep, path: Path, rows: str) -> int:
@@ -108,15 +108,15 @@ def write_rows(sweep: OpenedSweep, path: Path, rows: str) -> int:
     """
     refuse_points(sweep.whole.columns, path)
     data = _scalars(sweep) if ROWS[rows] is None else _records(sweep, rows)
-    size = _PART // (data.sizes[ROWS[rows]] if ROWS[rows] else 1)
-    parts = (_frame(sweep.with_data(part), ROWS[rows]) for part, _ in in_chunks(data, size))
-    return write_csv(path, parts)
+    size = _CHUNK_ROWS // (data.sizes[ROWS[rows]] if ROWS[rows] else 1)
+    chunks = (_frame(sweep.with_data(chunk), ROWS[rows]) for chunk, _ in in_chunks(data, size))
+    return write_csv(path, chunks)
 
 
 def _records(sweep: OpenedSweep, rows: str) -> xr.Dataset:
     """Return the results at sections or impacts; refuse a file that has none."""
-    held = filter(sweep.__contains__, VARIABLES)
-    names = [name for name in held if VARIABLES[name].dimension == ROWS[rows]]
+    variables = filter(sweep.__contains__, VARIABLES)
+    names = [name for name in variables if VARIABLES[name].dimension == ROWS[rows]]
     if not names:
         raise Refused(f"the file has no {rows}: run the sweep again with record.{rows}")
     return sweep.data[["status", *names]]
@@ -137,11 +137,11 @@ def _scalars(sweep: OpenedSweep) -> xr.Dataset:
     return xr.Dataset(columns, attrs=sweep.attrs)
 
 
-def _frame(part: OpenedSweep, dimension: str | None) -> pd.DataFrame:
+def _frame(cut: OpenedSweep, dimension: str | None) -> pd.DataFrame:
     """Return a row for each point, in the C order of the file, or for each record of a point."""
-    data, dims = part.data, [*part.grid, *([dimension] if dimension else [])]
-    known = dict.fromkeys([*part.nomenclature.parameters, *part.columns])
-    about = [name for name in known if name in data.coords and name not in dims]
+    data, dims = cut.data, [*cut.grid, *([dimension] if dimension else [])]
+    parameters = dict.fromkeys([*cut.nomenclature.parameters, *cut.columns])
+    about = [name for name in parameters if name in data.coords and name not in dims]
     if dimension is None:
         rows = data if dims else data.expand_dims("point")
         frame = rows.to_dataframe(dim_order=dims or ["point"]).reset_index()

@@ -231,7 +231,7 @@ def _shared_handles(basins_of_panels: Sequence[tuple[Axes, Basins]], looks: Look
 
 def attractors_in(cut: OpenedSweep, sweep: OpenedSweep, grey: bool) -> tuple[xr.Dataset, Looks]:
     """Return the attractors in a cut, numbered as in the file, and the looks of the file."""
-    indices = sweep.places({name: cut[name].item() for name in {*sweep.grid} - {*cut.grid}})
+    indices = sweep.indices({name: cut[name].item() for name in {*sweep.grid} - {*cut.grid}})
     starts = {name: indices.pop(name) for name in indices.keys() & {*START_AXES}}
     file_result = attractors(sweep.isel(starts))
     return file_result.isel(indices), Looks.of(file_result, grey)

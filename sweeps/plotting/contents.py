@@ -83,7 +83,7 @@ def with_number(
     further = [DIRECTION] if for_colour and sweep.directions else []
     if name in further:
         return sweep, name
-    sweep.check(*(_FOLLOWING[name][0] if name in _FOLLOWING else [name]), asked=name)
+    sweep.check(*(_FOLLOWING[name][0] if name in _FOLLOWING else [name]), derived=name)
     available = numbers_of(sweep) + further
     if name not in available:
         problem = f"there is no {name or repr(name)}{suggestion(near_misses(name, available))}"

@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from sweeps.errors import Refused
-from sweeps.opened.coordinates import ORDINATES, recorded_coordinate
+from sweeps.opened.coordinates import ORDINATES, coordinate_in
 from sweeps.opened.opened_sweep import OpenedSweep, Selection
 from sweeps.plotting import canvas, contents, labels, style
 from sweeps.plotting.colours import Paint, legend_entries, paint_of
@@ -200,7 +200,7 @@ class _Motions:
         return [
             np.where(
                 has_result(direction["status"].values)[:, None],
-                recorded_coordinate(direction.data, self.coordinate).values,
+                coordinate_in(direction.data, self.coordinate).values,
                 np.nan,
             )
             for direction in self.directions
@@ -245,7 +245,7 @@ class _Motions:
         """In grey, mark some points, of many the last; return the colours of all within limits."""
         last = slice(-4, None) if self.dense else slice(None)
         line = self.directions[0].isel({ORDINATES[self.coordinate].dimension: last})
-        y = recorded_coordinate(line.data, self.coordinate).values
+        y = coordinate_in(line.data, self.coordinate).values
         x, (panel, *lower) = np.broadcast_to(self.values[:, None], y.shape), panels
         paint.add_markers(panel, x, y)
         if lower or self.dense:  # panels below have other ordinates, and a density has more

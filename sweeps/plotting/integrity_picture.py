@@ -21,8 +21,8 @@ from sweeps.attractor.integrity import refuse_unfit, with_measures
 from sweeps.attractor.knocks import knocks
 from sweeps.config.groups import STARTS
 from sweeps.errors import Refused
-from sweeps.opened.kept import with_cache
 from sweeps.opened.opened_sweep import OpenedSweep, Selection
+from sweeps.opened.result_cache import with_cache
 from sweeps.plotting import canvas, labels
 from sweeps.plotting.attractor_pictures import Basins, attractors_in
 from sweeps.plotting.contents import refuse_without_result

@@ -47,7 +47,7 @@ def _draw_records(
     paint, rgba, handles = None, None, list[Artist]()
     if color is None:
         points = sweep.cut(at)
-        columns = coordinates.recorded(points, names)
+        columns = coordinates.values_at_point(points, names)
     else:
         points, paint = coloured_points(sweep, at, color, page.grey)
         by_point = np.array([points[name].transpose(*points.grid, ...) for name in names])
@@ -255,7 +255,7 @@ def _text_of_motions(
     turns = 2.0 * np.pi / np.array([motion.oscillator.omega for motion in motions])
     starts = np.array([motion.rows[0, 0] for motion in motions])
     starts += turns * [motion.turns for motion in motions]
-    begun = np.array([motion.begun for motion in motions])
+    begun = np.array([motion.start_phase for motion in motions])
     since = starts / turns - begun / (2.0 * np.pi)
     (after, *others) = {shown_count(periods, "forcing period", ",.6g") for periods in since}
     if others:

@@ -14,7 +14,7 @@ from matplotlib.collections import PathCollection
 from matplotlib.colors import LinearSegmentedColormap, LogNorm
 from matplotlib.figure import Figure
 
-from sweeps.opened.coordinates import ORDINATES, in_chunks, recorded_coordinate
+from sweeps.opened.coordinates import ORDINATES, coordinate_in, in_chunks
 from sweeps.opened.opened_sweep import OpenedSweep
 from sweeps.plotting import style
 from vibroimpact.points.regimes import has_result
@@ -107,7 +107,7 @@ def computed_chunks(line: OpenedSweep, coordinate: str) -> Iterator[tuple[np.nda
     for chunk, cut in in_chunks(line.data, _CHUNK // line.sizes[ORDINATES[coordinate].dimension]):
         indices = np.flatnonzero(computed[cut])
         if len(indices):
-            yield cut.start + indices, recorded_coordinate(chunk, coordinate).values[indices]
+            yield cut.start + indices, coordinate_in(chunk, coordinate).values[indices]
 
 
 def value_ranges(lines: Sequence[OpenedSweep], coordinate: str) -> np.ndarray:

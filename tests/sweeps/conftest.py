@@ -55,7 +55,7 @@ def undisturbed(tmp_path_factory):
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("sweeps.engine.estimate._TRIAL", 0.01)
         patch.setattr("sweeps.text.PATIENCE", 1e6)
-        patch.setattr("sweeps.opened.kept.root", lambda: folder)
+        patch.setattr("sweeps.opened.result_cache.root", lambda: folder)
         yield
 
 
@@ -228,7 +228,7 @@ def client(cluster):
 @pytest.fixture
 def no_knocks(monkeypatch, tmp_path):
     """Seek no knock for a picture; return the list of the attractors for which one is wanted."""
-    monkeypatch.setattr("sweeps.opened.kept.root", lambda: tmp_path / "kept")
+    monkeypatch.setattr("sweeps.opened.result_cache.root", lambda: tmp_path / "kept")
     sought = []
 
     def worst(motions, home, limit):

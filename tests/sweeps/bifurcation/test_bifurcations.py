@@ -16,8 +16,8 @@ import pytest
 import sweeps
 from sweeps import branches, open_sweep
 from sweeps.bifurcation.bifurcation_table import find_bifurcations
-from sweeps.opened.kept import with_cache
 from sweeps.opened.opened_sweep import OpenedSweep
+from sweeps.opened.result_cache import with_cache
 from tests.helpers.commands import accepted, refused
 from tests.helpers.oscillators import SectionMap
 from tests.helpers.sweep_files import run_in

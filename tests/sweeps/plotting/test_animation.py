@@ -176,7 +176,7 @@ WRONG = [
 @pytest.mark.parametrize(("words", "message"), WRONG)
 def test_what_is_no_animation_is_refused_at_once(path, folder, words, message, monkeypatch):
     monkeypatch.setenv("PATH", str(folder))
-    for name in ("opened.coordinates.continued", "bifurcation.branch_set.BranchSet"):
+    for name in ("opened.coordinates.continue_motion", "bifurcation.branch_set.BranchSet"):
         monkeypatch.setattr(f"sweeps.{name}", lambda *_, **__: pytest.fail("it is computed"))
     kind = () if "--kind" in words else ("--kind", "trajectory")
     assert message in refused("plot", path, *kind, *words)

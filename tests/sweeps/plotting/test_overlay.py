@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 
 from sweeps import open_sweep
 from sweeps.errors import Refused
-from sweeps.opened import kept
+from sweeps.opened import result_cache
 from sweeps.plotting import KINDS, Page, bifurcation, parameter_map, plot, table_panels
 from sweeps.plotting.labels import tick_in_decades
 from tests.helpers.commands import SMALL, accepted, refused
@@ -145,7 +145,7 @@ def test_the_picture_of_a_table_has_the_points_in_the_panels_of_their_columns(ta
 def test_a_wrong_table_is_refused_before_anything_is_computed(files, monkeypatch, text, told):
     Path("out.h5").symlink_to(files / "small.h5")
     Path("m.csv").write_text(text)
-    monkeypatch.setattr(kept, "with_cache", lambda *_: pytest.fail("orbits are computed"))
+    monkeypatch.setattr(result_cache, "with_cache", lambda *_: pytest.fail("orbits are computed"))
     for exact in ((), ("--exact",)):
         message = refused("plot", "out.h5", "--kind", "bifurcation", "--overlay", "m.csv", *exact)
         assert "overlay m.csv: " in message and told in message.replace("\n", " ")

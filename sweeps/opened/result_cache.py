@@ -1,4 +1,4 @@
-"""`with_cache`: exact orbits, crises and least knocks, kept on disk by a digest of the request."""
+"""`with_cache` keeps exact orbits, crises and least knocks on disk, by a digest of the request."""
 
 from __future__ import annotations
 
@@ -35,17 +35,17 @@ def with_cache(
     """
 
     @takes_sweep({})
-    def kept(sweep: OpenedSweep, *request: Any, **chosen: Any) -> xr.Dataset:
-        """Look for a kept result first."""
+    def cached(sweep: OpenedSweep, *request: Any, **chosen: Any) -> xr.Dataset:
+        """Look for a result on disk first."""
         code = [numerics_of(Path(__file__).parents[1] / room) for room in _ROOMS]
-        asked = [find.__name__, [part for part in request if not callable(part)], chosen]
+        call = [find.__name__, [each for each in request if not callable(each)], chosen]
         about = sweep.config.to_yaml(), sweep.in_rig, sweep.grid
         motions = _digest(about, sweep.data.coords, sweep.recorded_motions)
-        key = json.dumps([motions, NUMERICS, code, asked], default=_plain, sort_keys=True)
+        key = json.dumps([motions, NUMERICS, code, call], default=_plain, sort_keys=True)
         path = root() / "exact" / hashlib.sha256(key.encode()).hexdigest()[:24]
-        if (before := _read(path, key)) is not None:
+        if (earlier := _read(path, key)) is not None:
             say("what was found before is used again")
-            return before
+            return earlier
         result = find(sweep, *request, **chosen)
         if (sweep["status"] == Status.PENDING).any():
             say("what was found is not kept: the sweep is not complete")
@@ -56,19 +56,19 @@ def with_cache(
             say(f"what was found is not kept in {path.parent}: {error.strerror or error}")
         return result
 
-    return kept
+    return cached
 
 
-def _plain(part: Any) -> int | str:
+def _plain(value: Any) -> int | str:
     """Return what JSON cannot hold of a request: an integer of NumPy, or a digest of a Dataset."""
-    return _digest("", part.variables, {}) if isinstance(part, xr.Dataset) else int(part)
+    return _digest("", value.variables, {}) if isinstance(value, xr.Dataset) else int(value)
 
 
 def _digest(about: object, variables: Mapping[Any, Any], arrays: Mapping[str, np.ndarray]) -> str:
     """Return a digest of variables of xarray and of arrays, and of what else describes them."""
     digest = hashlib.sha256(repr(about).encode())
-    named = {(name, *variable.dims): variable.values for name, variable in variables.items()}
-    for name, values in [*named.items(), *arrays.items()]:
+    by_name = {(name, *variable.dims): variable.values for name, variable in variables.items()}
+    for name, values in [*by_name.items(), *arrays.items()]:
         numbers = values.astype(str) if values.dtype == object else values
         digest.update(repr((name, numbers.dtype.str, numbers.shape)).encode() + numbers.tobytes())
     return digest.hexdigest()
@@ -77,6 +77,6 @@ def _digest(about: object, variables: Mapping[Any, Any], arrays: Mapping[str, np
 def _read(path: Path, key: str) -> xr.Dataset | None:
     """Return the Dataset that was kept in a file for this key; None without one."""
     with suppress(Exception):  # of other contents; `read` trusts a file as it trusts code
-        known, orbits = pickle.loads(read(path) or b"")
-        return xr.Dataset.from_dict(orbits) if known == key else None
+        key_of_file, orbits = pickle.loads(read(path) or b"")
+        return xr.Dataset.from_dict(orbits) if key_of_file == key else None
     return None

@@ -14,9 +14,9 @@ from sweeps import attractors, branches, curves, knocks, open_sweep
 from sweeps.attractor.knocks import Knock, _Attractors
 from sweeps.bifurcation import bifurcation_table
 from sweeps.bifurcation.bifurcation_table import find_bifurcations
-from sweeps.opened import kept as module
-from sweeps.opened.kept import with_cache
+from sweeps.opened import result_cache as module
 from sweeps.opened.opened_sweep import OpenedSweep
+from sweeps.opened.result_cache import with_cache
 from tests.helpers.commands import accepted
 from tests.helpers.sweep_files import run_in, swept
 from vibroimpact.jit.cache import write
