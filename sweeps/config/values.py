@@ -80,22 +80,13 @@ def steps_to(start: float, stop: float, step: float) -> tuple[float, int]:
 def geometric(start: float, stop: float, num: int) -> np.ndarray:
     """Return a geometric series, shape (num,); its ends are exactly `start` and `stop`.
 
-    Decimal numbers have the same bits on every machine. A long double takes their place where its
-    digits tell in which direction to round; what is very small has fewer digits.
+    Decimal numbers have the same bits on every machine.
     """
-    size, values, doubt = math.isqrt(num) + 1, np.empty(num), 4 * np.finfo(np.longdouble).eps
-    with localcontext(_SERIES), np.errstate(over="ignore"):
+    with localcontext(_SERIES):
         first, last = Decimal(repr(start)), Decimal(repr(stop))
         ratio = ((last / first).ln() / max(num - 1, 1)).exp()
-        powers = list(accumulate(repeat(ratio, size), mul, initial=Decimal(1)))
-        heads = accumulate(repeat(powers.pop(), (num - 1) // size), mul, initial=first)
-        wide = np.array([np.longdouble(str(power)) for power in powers])
-        for head, row in zip(heads, np.split(values, range(size, num, size)), strict=True):
-            near = np.longdouble(str(head)) * wide[: row.size]
-            row[:] = near * (1 - doubt)
-            for k in np.flatnonzero((row != np.float64(near * (1 + doubt))) | (row < 1e-300)):
-                row[k] = _ROUNDED.plus(head * powers[k])
-    return values
+        series = accumulate(repeat(ratio, num - 1), mul, initial=first)
+        return np.fromiter(map(float, map(_ROUNDED.plus, series)), float, num)
 
 
 #: The path to a value in the configuration, for example ("oscillator", "h", 2).

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, lru_cache
+from functools import cached_property
 from typing import Any, Self
 
 import numpy as np
@@ -103,8 +103,8 @@ class OpenedSweep:
         """The configuration; ConfigError if it is not valid, since another version wrote it."""
         if self.source is not None:
             return self.whole.config
-        text, table = self.attrs["configuration"], self.columns
-        return parse_config(text, *_SOURCE, table=table) if table else _parsed(text)
+        text = self.attrs["configuration"]
+        return parse_config(text, "its configuration", "sweep", table=self.columns)
 
     @property
     def spec(self) -> RunSpec:
@@ -359,11 +359,3 @@ _KEYS: Mapping[str | None, str] = {
     "impact": "impacts: 64",
     "sample": "trajectory: {every: 1}",
 }
-#: What messages call the configuration of a file, and its name if it has none.
-_SOURCE = ("its configuration", "sweep")
-
-
-@lru_cache(maxsize=8)
-def _parsed(configuration: str) -> SweepConfig:
-    """Parse the configuration of a file; a user's Dataset is opened for each of its pictures."""
-    return parse_config(configuration, *_SOURCE)

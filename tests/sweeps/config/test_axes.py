@@ -1,7 +1,7 @@
 """Axes: what gives one, and their values, each the number nearest to the true one."""
 
 import math
-from decimal import Decimal, localcontext
+from decimal import Decimal
 from fractions import Fraction
 
 import numpy as np
@@ -152,14 +152,12 @@ def test_decades_of_a_log_axis_are_as_typed():
         assert axis.values().tolist() == one
 
 
-@pytest.mark.parametrize("wide", [np.longdouble, np.float64])  # as Windows has
 @pytest.mark.parametrize(
     ("start", "stop", "num"),
     [(0.3, 7.1, 40), (7.1, 0.3, 200), (5e-324, 1e308, 99), (5e-324, 1e-300, 9), (1 - 2**-53, 1, 5)],
 )
-def test_a_log_axis_is_rounded_correctly(monkeypatch, start, stop, num, wide):
+def test_a_log_axis_is_rounded_correctly(start, stop, num):
     """So its bits are the same everywhere: no other number is nearer to the geometric series."""
-    monkeypatch.setattr(np, "longdouble", wide)
     values = Range(start=start, stop=stop, num=num, spacing="log").values().tolist()
     start, stop, last = Fraction(repr(start)), Fraction(repr(stop)), len(values) - 1
     for i, value in enumerate(values):
@@ -181,19 +179,6 @@ def test_a_linear_axis_is_rounded_correctly(start, stop, num):
     first, rise = Fraction(repr(start)), Fraction(repr(stop)) - Fraction(repr(start))
     for i in range(0, num, max(1, num // 97)):
         assert values[i] == float(first + rise * i / (num - 1))
-
-
-@pytest.mark.parametrize("ends", [(0.3, 7.1), (1e300, 1e-300), (5e-324, 1.0), (1.0, 2.0)])
-def test_many_values_of_a_log_axis_are_rounded_correctly(ends):
-    """More values than are computed one by one, by 60 digits."""
-    num, (start, stop) = 40_001, ends
-    values = Range(start=start, stop=stop, num=num, spacing="log").values()
-    assert (values[0], values[-1]) == (start, stop)
-    with localcontext(prec=60):
-        first = Decimal(repr(start))
-        growth = (Decimal(repr(stop)) / first).ln() / (num - 1)
-        for i in range(0, num, 401):
-            assert values[i] == float(first * (i * growth).exp())
 
 
 @pytest.mark.parametrize(
