@@ -11,7 +11,7 @@ import numpy as np
 
 from sweeps.errors import Failed, StoreError
 from sweeps.store.complete_file import per_point
-from sweeps.store.parts import kept_points
+from sweeps.store.parts import finished_points
 from sweeps.store.paths import identities, is_sweep, parts_path
 from sweeps.store.variables import DIRECTION
 from sweeps.text import in_brackets, shown_bytes, shown_count, shown_duration, shown_range, table
@@ -107,7 +107,7 @@ def kept_text(path: Path, command: str, old: tuple[object, object] = (None, None
     """
     name = parts_path(path)
     try:
-        (file, schema), counts = identities(path), kept_points(path)
+        (file, schema), counts = identities(path), finished_points(path)
         complete = file is not None and is_sweep(path)
     except StoreError as error:
         return f"what is kept is not known, because {error}; to go on: {command}"

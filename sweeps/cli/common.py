@@ -179,10 +179,10 @@ def limits_option(axis: str, text: str | None) -> dict[str, Any]:
         return {}
     match = re.fullmatch(r"(.*[0-9.])\s*([^\W0-9_]+(?:/s)?)", text)
     number, unit = match.groups() if match else (text, "")
-    ends = interval(number)
-    if ends is None:
+    limits = interval(number)
+    if limits is None:
         raise Refused(refusal(f"--{axis}lim {text}", f"{LIMITS}, as 2.4:3"))
-    return {f"{axis}lim": ends, f"{axis}unit": unit}
+    return {f"{axis}lim": limits, f"{axis}unit": unit}
 
 
 def existing_output(resume: bool, overwrite: bool) -> dict[str, bool]:
@@ -212,8 +212,8 @@ def targets(sources: Sequence[Path], output: Path | None, defaults: Sequence[Pat
         )
     first: dict[str, Path] = {}
     for source, target in zip(sources, targets, strict=True):
-        place = os.path.realpath(str(target).replace("\0", ""))  # which no file has: refused later
-        writer = first.setdefault(place, source)
+        real = os.path.realpath(str(target).replace("\0", ""))  # which no file has: refused later
+        writer = first.setdefault(real, source)
         if writer is not source:
             raise Refused(f"{writer} and {source} would both write {target}; give them one by one")
     return targets
@@ -221,10 +221,10 @@ def targets(sources: Sequence[Path], output: Path | None, defaults: Sequence[Pat
 
 def name_after(stem: str, words: Iterable[str], ending: str) -> str:
     """Name a file, valid on every system, after what is asked for or, if long, its checksum."""
-    asked = re.sub(r"[^\w.+-]+", "_", "-".join(words)).rstrip("._")
-    if len(asked) > _MOST_CHARACTERS:
-        asked = f"{crc32(asked.encode()):08x}"
-    return f"{stem}{'-' * bool(asked)}{asked}{ending}"
+    text = re.sub(r"[^\w.+-]+", "_", "-".join(words)).rstrip("._")
+    if len(text) > _MOST_CHARACTERS:
+        text = f"{crc32(text.encode()):08x}"
+    return f"{stem}{'-' * bool(text)}{text}{ending}"
 
 
 def selection_of(texts: Sequence[str]) -> dict[str, float | str]:
@@ -315,11 +315,11 @@ def save_table(csv: Path | None, table: Any, *, error: bool = False) -> None:
 
 def say_moved(sweep: OpenedSweep, requested: Selection, verb: str) -> None:
     """Report each requested value that is not on the grid, and the value used instead."""
-    used = sweep.isel(sweep.indices(requested))
+    cut = sweep.isel(sweep.indices(requested))
     for name, value in requested.items():
-        if isinstance(value, float) and not math.isclose(value, used[name].item(), rel_tol=1e-9):
-            asked, there = told_apart(value, used[name].item())
-            say(f"{name} = {asked} is not on the grid; {verb} at {name} = {there}", error=True)
+        if isinstance(value, float) and not math.isclose(value, cut[name].item(), rel_tol=1e-9):
+            text, grid_value = told_apart(value, cut[name].item())
+            say(f"{name} = {text} is not on the grid; {verb} at {name} = {grid_value}", error=True)
 
 
 def unreadable(error: Any) -> str:

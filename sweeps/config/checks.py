@@ -159,7 +159,7 @@ def _refuse_unstable(integrator: str, steps: int, points: np.ndarray) -> None:
         return
     worst = points[all_least.argmax()]
     h, p, omega = worst["h"], worst["p"], worst["omega"]
-    there = f"h = {h:g}, p = {p:g}, omega = {omega:g}"
+    point = f"h = {h:g}, p = {p:g}, omega = {omega:g}"
     if least > MOST_STEPS:
         stable = [
             name for name in INTEGRATORS if least_stable_steps(name, h, p, omega) <= MOST_STEPS
@@ -168,12 +168,12 @@ def _refuse_unstable(integrator: str, steps: int, points: np.ndarray) -> None:
         if least < math.inf:
             need = f"only from {least:.3g} steps per period on, of {MOST_STEPS:,} at most,"
         expected = f"{'h > 0, ' if h == 0.0 else ''}one of {listed(stable)}, or {_UNSTABLE}"
-        problem = f"{integrator} is stable {need} at {there}"
+        problem = f"{integrator} is stable {need} at {point}"
         raise ConflictError(("method", "integrator"), problem, expected)
     phase, limit = 2.0 * math.pi * p / (omega * steps), INTEGRATORS[integrator].limit(h / p)
     raise ConflictError(
         ("method", "steps_per_period"),
-        f"{steps} are not enough for {integrator} to be stable at {there}: p T = {phase:.4g} "
+        f"{steps} are not enough for {integrator} to be stable at {point}: p T = {phase:.4g} "
         f"there must be below {limit:.4g}",
         f"{integer(int(least), MOST_STEPS).expected}, null, or {_UNSTABLE}",
     )

@@ -90,12 +90,12 @@ def number_schema(parameter: Parameter) -> dict[str, Any]:
 def _with_bounds(parameter: Parameter, schema: dict[str, Any]) -> None:
     """Add the bounds of a parameter to the JSON schema of each form of its values."""
     bounds = number_schema(parameter)
-    ends = {"properties": {"start": bounds, "stop": bounds}}
+    limits = {"properties": {"start": bounds, "stop": bounds}}
     number, values, extent = schema["oneOf"]
     schema["oneOf"] = [
         {**number, **bounds},
         {**values, "items": bounds, "uniqueItems": True},
-        {**extent, **ends},
+        {**extent, **limits},
     ]
 
 

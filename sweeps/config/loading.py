@@ -18,7 +18,7 @@ from pydantic_core import ErrorDetails
 from sweeps.config.checks import conflicts, with_defaults
 from sweeps.config.groups import RecordConfig, TrajectoryConfig, key_list
 from sweeps.config.points import read_points
-from sweeps.config.rig import made_of_rig
+from sweeps.config.rig import derived_columns
 from sweeps.config.sweep import SweepConfig, dotted_keys
 from sweeps.config.values import MOST_VALUES, ConflictError, Group, Key, Range, null
 from sweeps.errors import ConfigError
@@ -95,8 +95,8 @@ def parse_config(
     """
     data, sources = _parse(text, origin)
     if table:
-        made = made_of_rig(table, data["rig"]) if "rig" in data else set()
-        data = {"points": {key: table[key] for key in table if key not in made}, **data}
+        derived = derived_columns(table, data["rig"]) if "rig" in data else set()
+        data = {"points": {key: table[key] for key in table if key not in derived}, **data}
     return _configuration({"name": name, **data}, origin, sources, overrides)
 
 

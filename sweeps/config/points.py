@@ -42,18 +42,18 @@ def read_points(source: Any, folder: Path, *, of_rig: bool) -> np.ndarray:
     array. Columns of parameters, of the rig too if there is one, must hold valid numbers; further
     columns hold numbers or texts. A ValueError names the column and the row, counted from 1.
     """
-    known = {**PARAMETERS, **(RIG_PARAMETERS if of_rig else {})}
-    return read_columns(source, folder, partial(_check_names, known=known))
+    parameters = {**PARAMETERS, **(RIG_PARAMETERS if of_rig else {})}
+    return read_columns(source, folder, partial(_check_names, parameters=parameters))
 
 
 def read_columns(source: Any, folder: Path, check_names: NamesCheck) -> np.ndarray:
     """Do the same as `read_points` with a table whose names another function checks."""
     path = folder / source if isinstance(source, str | Path) else None
     try:
-        read = _columns(source, check_names) if path is None else _read_csv(path, check_names)
-        columns, known = read
-        checked = {name: _checked(name, column, known) for name, column in columns.items()}
-        table = table_values(checked)
+        result = _columns(source, check_names) if path is None else _read_csv(path, check_names)
+        columns, parameters = result
+        valid = {name: _checked(name, column, parameters) for name, column in columns.items()}
+        table = table_values(valid)
         if len(table):
             return table
         reason = "the table has no row"
@@ -103,7 +103,7 @@ def with_columns(data: dict[str, Any]) -> dict[str, Any]:
 def in_model(table: np.ndarray, rig: RigConfig | None) -> np.ndarray:
     """Return a table with the columns of the model behind it that are made from those of a rig."""
     columns = {name: table[name] for name in table.dtype.names or ()}
-    for name, values in (rig.made_columns(columns) if rig is not None else {}).items():
+    for name, values in (rig.columns_in_model(columns) if rig is not None else {}).items():
         parameter = model_name(name)
         wrong = ~(np.isfinite(values) & PARAMETERS[parameter].accepts(values))
         if wrong.any():
@@ -122,13 +122,13 @@ def _read_csv(
         if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
             raise ValueError("is not a regular file; expected: a CSV file")
         names = header_of(file)
-        known = check_names(names)
+        parameters = check_names(names)
         rows = [*_rows(file, names)]
     table = np.array(rows, object).reshape(-1, len(names))
     return {
-        name: _numbers_in(cells) if name in known else cells
+        name: _numbers_in(cells) if name in parameters else cells
         for name, cells in zip(names, table.T, strict=True)
-    }, known
+    }, parameters
 
 
 def header_of(file: TextIO) -> list[str]:
@@ -189,7 +189,7 @@ def _columns(
         raise ValueError("no table; expected: a CSV file, or a mapping of columns")
     items = source.items() if names is None else ((name, source[name]) for name in names)
     pairs = [(str(name), column) for name, column in items]
-    known = check_names([name for name, _ in pairs])
+    parameters = check_names([name for name, _ in pairs])
     for name, column in pairs:
         if np.ma.is_masked(column):
             row = int(np.ma.getmaskarray(column).argmax()) + 1
@@ -201,7 +201,7 @@ def _columns(
     shapes = {column.shape for column in columns.values()}
     if len(shapes) != 1 or len(*shapes) != 1:
         raise ValueError("the columns must be lists of equal length")
-    return columns, known
+    return columns, parameters
 
 
 def _array(column: Any) -> np.ndarray:
@@ -210,27 +210,27 @@ def _array(column: Any) -> np.ndarray:
     return np.asarray(column, {"U": object, "f": float}.get(values.dtype.kind))
 
 
-def _check_names(names: list[str], known: Mapping[str, Parameter]) -> Mapping[str, Parameter]:
+def _check_names(names: list[str], parameters: Mapping[str, Parameter]) -> Mapping[str, Parameter]:
     """Refuse a table without a parameter column, and repeated, misspelt and malformed names."""
-    missing = [name for name in known if name not in names]
-    if len(missing) == len(known):
-        words = (near_misses(name, known, least=0.8) for name in names if name.isidentifier())
+    missing = [name for name in parameters if name not in names]
+    if len(missing) == len(parameters):
+        words = (near_misses(name, parameters, least=0.8) for name in names if name.isidentifier())
         hint = suggestion(next(filter(None, words), []))
         problem = f"no column of {shortened(', '.join(names))} is a parameter{hint}"
         raise ValueError(
             f"{problem if names else 'the table is empty'}; expected: a header with one of "
-            f"{', '.join(known)}, and commas between the columns"
+            f"{', '.join(parameters)}, and commas between the columns"
         )
     check_header(names)
     for name in names:
-        meant = near_misses(name, missing, least=0.8) if name not in known else []
+        meant = near_misses(name, missing, least=0.8) if name not in parameters else []
         # A further column becomes a coordinate of the file, whose name other programs must accept.
         if meant or not re.search(COLUMN_NAME, name):
             raise ValueError(
                 f"unknown column {name}{suggestion(meant)}; expected: a parameter "
-                f"out of {', '.join(known)}, or another word"
+                f"out of {', '.join(parameters)}, or another word"
             )
-    return known
+    return parameters
 
 
 def check_header(names: list[str]) -> None:
@@ -249,11 +249,11 @@ def check_header(names: list[str]) -> None:
             raise ValueError(f"column {name} is given twice; expected: once")
 
 
-def _checked(name: str, column: np.ndarray, known: Mapping[str, Parameter]) -> np.ndarray:
+def _checked(name: str, column: np.ndarray, parameters: Mapping[str, Parameter]) -> np.ndarray:
     """Return the values of a column; refuse the first value that its parameter does not allow."""
     numeric = column.dtype.kind in "iuf"
     values = column if numeric else np.array([_number(cell) for cell in column], float)
-    parameter = known.get(name)
+    parameter = parameters.get(name)
     if parameter is None:
         wrong = np.array([not numeric and not _is_plain(cell) for cell in column], bool)
         allowed = "a number, or a Unicode text without NUL and carriage return"

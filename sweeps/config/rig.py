@@ -134,16 +134,16 @@ class RigConfig(ParameterConfig):
         refuse_out_of_bounds(axis, PARAMETERS[name])
         if mass is None or isinstance(mass, Elsewhere):  # refused already, or a column
             return value
-        made = _in_model(name, axis, mass)
-        if isinstance(value, Range) and not (made.low < made.high < math.inf or made.size == 1):
-            problem = f"is not a range in the units of the model: {made.low!r} to {made.high!r}"
+        model = _in_model(name, axis, mass)
+        if isinstance(value, Range) and not (model.low < model.high < math.inf or model.size == 1):
+            problem = f"is not a range in the units of the model: {model.low!r} to {model.high!r}"
             raise ConflictError(("rig", title), problem, "other values")
-        if not math.isfinite(made.high):
+        if not math.isfinite(model.high):
             contains = f"contains {fewest_digits(axis.high)}, which " if axis.swept else ""
             raise ValueError(f"{contains}is not a finite number in the units of the model")
-        refuse_out_of_bounds(made, PARAMETERS[name])
+        refuse_out_of_bounds(model, PARAMETERS[name])
         if isinstance(value, tuple):
-            ordered(tuple(made.values().tolist()))
+            ordered(tuple(model.values().tolist()))
         return value
 
     def axes(self) -> dict[str, Axis]:
@@ -158,18 +158,18 @@ class RigConfig(ParameterConfig):
         """Whether the mass is a column of the table."""
         return isinstance(self.mass, Elsewhere)
 
-    def made_columns(self, columns: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+    def columns_in_model(self, columns: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
         """Return the columns of the model made from those of the rig, by the names of the rig."""
         mass = columns["mass"] if self.mass_varies else self.mass
-        made = {}
+        result = {}
         for name, quantity in QUANTITIES.items():
             values = columns.get(quantity.name) if name in PARAMETERS else None
             if values is None and self.mass_varies and name in _PER_MASS and name not in columns:
                 values = np.full(len(columns["mass"]), getattr(self, quantity.name))
             if values is not None:
                 with np.errstate(over="ignore"):  # the caller refuses it
-                    made[quantity.name] = np.asarray(quantity.in_model(mass, values), float)
-        return made
+                    result[quantity.name] = np.asarray(quantity.in_model(mass, values), float)
+        return result
 
     def in_si(self, name: str, value: Any, mass: Any = None) -> Any:
         """Convert a quantity of the model; what was made from a value of the rig gives that back.
@@ -187,13 +187,13 @@ class RigConfig(ParameterConfig):
         if typed is None or isinstance(typed, Elsewhere):  # a result, or a column of the model
             return converted
         values = Axis.of(typed).values()
-        made = np.asarray(quantity.in_model(self.mass, values))
-        order = np.argsort(made)
-        after = np.searchsorted(made[order], value).clip(min=1)
-        below, above = order[after - 1], order[after.clip(max=len(made) - 1)]
-        nearest = np.where(made[above] - value < value - made[below], above, below)
+        in_model = np.asarray(quantity.in_model(self.mass, values))
+        order = np.argsort(in_model)
+        after = np.searchsorted(in_model[order], value).clip(min=1)
+        below, above = order[after - 1], order[after.clip(max=len(in_model) - 1)]
+        nearest = np.where(in_model[above] - value < value - in_model[below], above, below)
         # Ranges of earlier versions were rounded several times.
-        same = np.abs(made[nearest] - value) <= 4.0 * np.spacing(np.abs(value))
+        same = np.abs(in_model[nearest] - value) <= 4.0 * np.spacing(np.abs(value))
         return np.where(same, values[nearest], converted)[()]
 
 
@@ -204,8 +204,8 @@ def _in_model(name: str, axis: Axis, mass: float) -> Axis:
     return axis.converted(partial(QUANTITIES[name].in_model, mass))
 
 
-def made_of_rig(columns: Collection[str], rig: Mapping[str, object]) -> set[str]:
-    """Return the columns of the model that `RigConfig.made_columns` added to those of a table."""
+def derived_columns(columns: Collection[str], rig: Mapping[str, object]) -> set[str]:
+    """Return the columns of the model that `columns_in_model` added to those of a table."""
     names = {key: each.name for key, each in QUANTITIES.items()}
     typed = {key for key, name in names.items() if name != key and name in columns}
     per_mass = {name for name in _PER_MASS if QUANTITIES[name].name in rig}

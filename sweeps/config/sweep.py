@@ -141,8 +141,8 @@ class SweepConfig(Group):
     @property
     def column_units(self) -> dict[str, str]:
         """The units of the columns that a rig names."""
-        known = {} if self.rig is None else RIG_PARAMETERS
-        return {name: known[name].unit for name in self.columns if name in known}
+        quantities = {} if self.rig is None else RIG_PARAMETERS
+        return {name: quantities[name].unit for name in self.columns if name in quantities}
 
     @cached_property
     def sweep(self) -> Sweep:
@@ -254,8 +254,8 @@ def json_schema() -> JsonSchema:
     groups: dict[str, type[ParameterConfig]] = {"oscillator": OscillatorConfig, "rig": RigConfig}
     required: JsonSchema = {}
     for name, group in groups.items():
-        asked = schema["$defs"][group.__name__].pop("required")
-        required[name] = {"required": [key for key in asked if key not in (group.FORCES or ())]}
+        keys = schema["$defs"][group.__name__].pop("required")
+        required[name] = {"required": [key for key in keys if key not in (group.FORCES or ())]}
     table = {"required": ["points"], "properties": {"points": {"not": {"type": "null"}}}}
     whole = {"properties": required, "anyOf": [{"required": [name]} for name in groups]}
     return {**about, **schema, "if": table, "else": whole}
@@ -265,12 +265,12 @@ def dotted_keys(deepest: int) -> list[str]:
     """Return the keys of a configuration as ``--set`` takes them, of at most so many names each."""
     schema = json_schema()
 
-    def below(part: JsonSchema, start: str) -> Iterator[str]:
-        part = schema["$defs"][part["$ref"].rpartition("/")[2]] if "$ref" in part else part
-        for name, inner in part.get("properties", {}).items():
+    def below(inner: JsonSchema, start: str) -> Iterator[str]:
+        inner = schema["$defs"][inner["$ref"].rpartition("/")[2]] if "$ref" in inner else inner
+        for name, value in inner.get("properties", {}).items():
             yield f"{start}{name}"
-            yield from below(inner, f"{start}{name}.")
-        for form in (*part.get("anyOf", ()), *part.get("oneOf", ())):
+            yield from below(value, f"{start}{name}.")
+        for form in (*inner.get("anyOf", ()), *inner.get("oneOf", ())):
             yield from below(form, start)
 
     return [key for key in below(schema, "") if key.count(".") < deepest]

@@ -289,8 +289,8 @@ class Axis:
             low, high = sorted((value.start, value.stop))
             return cls(value.start, low, high, value.num, True, value.spacing, value.values)
         numbers = value if isinstance(value, tuple) else (value,)
-        ends = numbers[0], min(numbers), max(numbers)
-        return cls(*ends, len(numbers), numbers is value, "linear", lambda: np.array(numbers))
+        extremes = numbers[0], min(numbers), max(numbers)
+        return cls(*extremes, len(numbers), numbers is value, "linear", lambda: np.array(numbers))
 
     def converted(self, convert: Callable[[Any], Any]) -> Axis:
         """Return the axis of the converted values; `convert` must increase with the value."""

@@ -258,7 +258,7 @@ class ClusterComputer:
         """Number of threads of all workers; 1 while there is no worker."""
         return max(1, sum(self._workers.values()))
 
-    def described(self) -> str:
+    def place_text(self) -> str:
         """Return the number of workers in words, for the progress bar."""
         number = len(self._workers)
         return f" on {number} worker{'s' * (number > 1)}" if number else ", waiting for a worker"
@@ -269,7 +269,7 @@ class ClusterComputer:
         least = math.ceil(together * size / seconds)
         return {"least": min(least, size), "blocks": _BLOCKS_PER_CORE * self.cores}
 
-    def computed(
+    def compute_blocks(
         self,
         sweep: Sweep,
         blocks: Iterable[Block],
@@ -280,9 +280,9 @@ class ClusterComputer:
         A caller that stops early must close the generator. Blocks of a lost worker are computed
         again. Raises Failed if the scheduler is lost or a block cannot be computed.
         """
-        from sweeps.engine.executors import completed  # with the compiler
+        from sweeps.engine.executors import submit_blocks  # with the compiler
 
-        numerics, executor = _own_numerics(), self._client.get_executor(pure=False)
+        numerics, executor = _local_numerics(), self._client.get_executor(pure=False)
         with self._scheduler_needed():
             with warnings.catch_warnings():
                 warnings.filterwarnings("ignore", "Sending large graph")  # once, of a long axis
@@ -293,7 +293,7 @@ class ClusterComputer:
                 return executor.submit(_compute, shared, block, numerics)
 
             try:
-                for block, future in completed(submit, blocks, self._most):
+                for block, future in submit_blocks(submit, blocks, self._most):
                     results = self._result(future)
                     advance(block_points(block))
                     yield block, results
@@ -343,19 +343,19 @@ class ClusterComputer:
 
         def numerics() -> str:  # imports inside, so that it also runs without this package
             try:
-                from sweeps.engine.cluster import _own_numerics
+                from sweeps.engine.cluster import _local_numerics
 
-                return _own_numerics()
+                return _local_numerics()
             except ImportError as error:
                 return f"none ({error})"
 
         versions = self._client.run(numerics, on_error="return")
         for address, version in versions.items():
-            if version != _own_numerics():
-                raise Refused(_difference(address, str(version), _own_numerics()))
+            if version != _local_numerics():
+                raise Refused(_difference(address, str(version), _local_numerics()))
 
 
-def _own_numerics() -> str:
+def _local_numerics() -> str:
     """Return the version of the numerics of this process."""
     from vibroimpact.jit import NUMERICS
 
@@ -378,8 +378,8 @@ def _compute(sweep: Sweep, block: Block, numerics: str) -> Results:
     from vibroimpact.jit import ALL_THREADS
 
     worker = get_worker()
-    if numerics != _own_numerics():
-        raise Failed(_difference(worker.address, _own_numerics(), numerics))
+    if numerics != _local_numerics():
+        raise Failed(_difference(worker.address, _local_numerics(), numerics))
     with _KERNEL_LOCK:
         results = compute_block(sweep, block, min(worker.state.nthreads, ALL_THREADS))
         # Contiguous arrays are sent without a copy.

@@ -15,7 +15,7 @@ from sweeps.engine.executors import LocalComputer, compute, in_thread
 from sweeps.errors import StoreError
 from sweeps.grid import Cost, Sweep
 from sweeps.store.paths import check_room
-from sweeps.store.variables import bytes_per_point, held_variables
+from sweeps.store.variables import bytes_per_point, record_widths
 from sweeps.text import shown_bytes, shown_count
 from vibroimpact.jit import ALL_THREADS, WAY
 from vibroimpact.jit.cache import cache_folder
@@ -27,7 +27,7 @@ _BLOCK_MEMORY = 64 * 2**20
 #: Memory of a run, in units of the results of one block: one block is computed, one waits and one
 #: is written, and the computation needs memory, too. Measured at the peak of runs with blocks of
 #: 64 MB and 1 GB. A picture of the live page takes up to 4.1 times its results.
-_BLOCKS_HELD = 5
+_BLOCKS_IN_MEMORY = 5
 #: Memory that a run still takes, besides the results of its blocks, when their memory is checked
 #: [bytes]: measured were 45 MB with compiled code, and 245 MB to compile it.
 _OWN_MEMORY = 64 * 2**20
@@ -44,7 +44,7 @@ _AT_IMPACTS = 8
 #: The last trial is the first one that takes longer than this [s].
 _TRIAL = 0.1
 #: Least number of points in a trial of a followed sweep.
-_LEAST_TRIED = 16
+_LEAST_POINTS = 16
 
 #: What a variable takes in a file without points [bytes]: measured were 3,700 to 5,700.
 _OF_VARIABLE = 4_500
@@ -72,7 +72,7 @@ def expected_cost(
     spec, size, points = sweep.spec, sweep.size, sweep.grid.size
 
     def in_file(at_impacts: float) -> int:
-        empty = _OF_VARIABLE * len(held_variables(spec))
+        empty = _OF_VARIABLE * len(record_widths(spec))
         return empty + size * bytes_per_point(spec, at_impacts)
 
     check_room(path, 2 * in_file(_AT_IMPACTS), resume=resume)
@@ -82,7 +82,7 @@ def expected_cost(
     limits = computer.block_limits(seconds, points)
     block = min(block_size(sweep, at_impacts, **limits), points)
     chain, of_chain, _ = _chain(sweep, at_impacts)
-    memory = _BLOCKS_HELD * block * of_chain // chain
+    memory = _BLOCKS_IN_MEMORY * block * of_chain // chain
     file = in_file(at_impacts)
     return Cost(seconds + _WRITING * file, file, memory, block)
 
@@ -97,20 +97,20 @@ def block_size(
     lanes. Raises StoreError if there is not enough memory for one point, or one chain of points.
     """
     spec, (chain, memory, lanes) = sweep.spec, _chain(sweep, at_impacts)
-    smallest, ways = "one point", " and ".join(spec.directions)
+    smallest, directions = "one point", " and ".join(spec.directions)
     if spec.followed:
         points = shown_count(chain, "point")
-        smallest = f"one chain of {points}, followed {ways} along {spec.followed},"
+        smallest = f"one chain of {points}, followed {directions} along {spec.followed},"
     available = check_memory(memory, smallest)
     # Full sets of lanes may take more memory than a normal block.
-    wished = _BLOCK_MEMORY if spec.every else max(_BLOCK_MEMORY, 2 * lanes * memory)
-    fits = max(1, min(wished, available // (2 * _BLOCKS_HELD)) // memory)
+    memory_limit = _BLOCK_MEMORY if spec.every else max(_BLOCK_MEMORY, 2 * lanes * memory)
+    fits = max(1, min(memory_limit, available // (2 * _BLOCKS_IN_MEMORY)) // memory)
     left_out = spec.transient if spec.longest is None else min(spec.longest, _TYPICAL)
     work = _BLOCK_STEPS // ((left_out + spec.periods) * spec.steps_per_period * chain)
     most = max(sweep.grid.size // chain // max(blocks, _BLOCKS), 2 * lanes, _LEAST_BLOCK)
-    wanted = max(min(most, max(work, 2 * lanes)), math.ceil(least / chain))
+    target = max(min(most, max(work, 2 * lanes)), math.ceil(least / chain))
     # Whole sets of lanes, if one fits, because they fill the SIMD vectors.
-    return chain * (min(fits, wanted) // lanes * lanes or fits)
+    return chain * (min(fits, target) // lanes * lanes or fits)
 
 
 def _chain(sweep: Sweep, at_impacts: float = 0.0) -> tuple[int, int, int]:
@@ -123,7 +123,7 @@ def _chain(sweep: Sweep, at_impacts: float = 0.0) -> tuple[int, int, int]:
 
 def check_memory(results: int, what: str) -> int:
     """Return the available memory [bytes]; refuse `what` if its results at once need more."""
-    needed = _BLOCKS_HELD * results
+    needed = _BLOCKS_IN_MEMORY * results
     base = _OWN_MEMORY if os.path.exists(cache_folder(WAY.name)) else COMPILING_MEMORY
     available = max(0, available_memory() - base)
     if needed > available:
@@ -150,14 +150,14 @@ def available_memory(
         _, controllers, group = line.split(":", 2)
         if controllers and "memory" not in controllers.split(","):
             continue
-        root, (limit, used, copies) = (groups / "memory", _V1) if controllers else (groups, _V2)
+        root, (limit, usage, copies) = (groups / "memory", _V1) if controllers else (groups, _V2)
         inside = PurePosixPath(group.lstrip("/"))
-        for folder in (root / part for part in (inside, *inside.parents)):
-            most, taken = _lines(folder / limit), _lines(folder / used)
-            if most and taken and most[0].isdigit():  # "max" is no limit
+        for folder in (root / path for path in (inside, *inside.parents)):
+            limits, usages = _lines(folder / limit), _lines(folder / usage)
+            if limits and usages and limits[0].isdigit():  # "max" is no limit
                 statistics = dict(line.split(" ", 1) for line in _lines(folder / "memory.stat"))
-                dropped = sum(int(statistics.get(name, 0)) for name in copies)
-                free.append(max(0, int(most[0]) - max(0, int(taken[0]) - dropped)))
+                cached = sum(int(statistics.get(name, 0)) for name in copies)
+                free.append(max(0, int(limits[0]) - max(0, int(usages[0]) - cached)))
     return min(free)
 
 
@@ -176,14 +176,14 @@ def trial(sweep: Sweep, threads: int | None) -> tuple[float, float]:
     thread, which other processes do not lengthen.
     """
     threads = threads or ALL_THREADS
-    calls, size = _tried(sweep, threads)
-    compute(_shortened(sweep, 1), calls[0][:1], threads)  # compiles, if necessary
+    calls, size = _trial_points(sweep, threads)
+    compute(_shorter_spec(sweep, 1), calls[0][:1], threads)  # compiles, if necessary
     # So many threads are in the kernel, see `run_on_threads`; this thread does the rest.
     parallel = min(threads, -(-calls[0].size // lanes_per_thread(calls[0].size, threads)))
     total_periods = sweep.most_periods
     periods, before, at_impacts = 1, (0, 0.0), 0.0
     while True:
-        shorter = _shortened(sweep, periods)
+        shorter = _shorter_spec(sweep, periods)
         samples = 0
         whole, alone = time.process_time(), time.thread_time()
         for points in calls:
@@ -192,7 +192,7 @@ def trial(sweep: Sweep, threads: int | None) -> tuple[float, float]:
         whole, alone = time.process_time() - whole, time.thread_time() - alone
         elapsed = alone + (whole - alone) / parallel
         # A motion may have most impacts while it settles, or when it has settled.
-        more = (samples - held_variables(shorter).get("trajectory_t", 0)) / shorter.periods
+        more = (samples - record_widths(shorter).get("trajectory_t", 0)) / shorter.periods
         at_impacts = max(at_impacts, more)
         if elapsed > _TRIAL or periods == total_periods:
             if sweep.spec.longest is None:  # otherwise most motions need no longest transient
@@ -204,7 +204,7 @@ def trial(sweep: Sweep, threads: int | None) -> tuple[float, float]:
         before, periods = (periods, elapsed), min(2 * periods, total_periods)
 
 
-def _tried(sweep: Sweep, threads: int) -> tuple[list[np.ndarray], int]:
+def _trial_points(sweep: Sweep, threads: int) -> tuple[list[np.ndarray], int]:
     """Return the points of each call of a trial, and the number of points of the sweep."""
     # Try no more points than a block computes side by side: a full set of lanes takes hardly longer
     # than a few.
@@ -212,16 +212,16 @@ def _tried(sweep: Sweep, threads: int) -> tuple[list[np.ndarray], int]:
     chains = min(block_size(sweep), sweep.grid.size) // chain
     count = min(2 * lanes * threads, chains * max(1, len(sweep.spec.directions)))
     # With few lanes, try several sets: a few points may not be typical.
-    number, size = -(-_LEAST_TRIED // count) if sweep.spec.followed else 1, sweep.size
-    tried = sweep.grid.spread(number * count)
-    calls = np.array_split(tried, min(number, tried.size))
+    number, size = -(-_LEAST_POINTS // count) if sweep.spec.followed else 1, sweep.size
+    points = sweep.grid.spread(number * count)
+    calls = np.array_split(points, min(number, points.size))
     if sweep.spec.scaled:
         calls[0]["f"] = 1.0
         calls, size = [np.unique(calls[0])], size // len(sweep.grid.axes.get("f", "1"))
     return calls, size
 
 
-def _shortened(sweep: Sweep, total: int) -> RunSpec:
+def _shorter_spec(sweep: Sweep, total: int) -> RunSpec:
     """Return what a sweep computes, over `total` periods with the same share of them recorded.
 
     A followed sweep finds its classes once, at the end, and so they are left out.

@@ -91,7 +91,7 @@ def in_thread(function: Callable[..., Value], *arguments: Any) -> Value:
         return future.result()
 
 
-def completed(
+def submit_blocks(
     submit: Callable[[Block], Future[Results]], blocks: Iterable[Block], most: Callable[[], int]
 ) -> Iterator[tuple[Block, Future[Results]]]:
     """Submit blocks, with at most `most` of them pending at a time, and yield each when done."""
@@ -114,7 +114,7 @@ class LocalComputer:
     threads: int | None = None  #: Of a trial, too.
     cores = 1  #: How many trials would run at once.
 
-    def described(self) -> str:
+    def place_text(self) -> str:
         """Return nothing: the work is done here."""
         return ""
 
@@ -122,15 +122,14 @@ class LocalComputer:
         """Return limits that give every thread points."""
         return {"least": min(size, FEWEST_LANES * (self.threads or ALL_THREADS))}
 
-    def computed(
+    def compute_blocks(
         self, sweep: Sweep, blocks: Iterable[Block], advance: Callable[[int], object]
     ) -> Generator[tuple[Block, Results], None, None]:
         """Yield the blocks in order, one computed while another is written; close the generator."""
         with other_thread() as executor:
-            done = completed(
-                lambda block: executor.submit(compute_block, sweep, block, self.threads, advance),
-                blocks,
-                lambda: 2,
-            )
-            for block, future in done:
+
+            def submit(block: Block) -> Future[Results]:
+                return executor.submit(compute_block, sweep, block, self.threads, advance)
+
+            for block, future in submit_blocks(submit, blocks, lambda: 2):
                 yield block, future.result()

@@ -136,14 +136,14 @@ def run_sweep(
         if pending is None:
             console.print(printable(f"{path} is complete: nothing was left to do"))
             return path
-        left = sum(map(block_points, pending))
-        cost = replace(cost, seconds=cost.seconds * left / config.sweep.size)
+        remaining = sum(map(block_points, pending))
+        cost = replace(cost, seconds=cost.seconds * remaining / config.sweep.size)
         console.print(printable(plan(config, path, cost)))
         if writer.damaged:
             console.print(f"damaged blocks, which are computed again: {writer.damaged}")
-        with _progress(config, left, computer, console) as advance:
-            with closing(computer.computed(config.sweep, pending, advance)) as computed:
-                for block, results in computed:
+        with _progress(config, remaining, computer, console) as advance:
+            with closing(computer.compute_blocks(config.sweep, pending, advance)) as blocks:
+                for block, results in blocks:
                     check()
                     writer.write(block, results)
         writer.finish(compressed=config.compression != "none")
@@ -152,15 +152,15 @@ def run_sweep(
 
 @contextmanager
 def _progress(
-    config: SweepConfig, left: int, computer: LocalComputer | ClusterComputer, console: Console
+    config: SweepConfig, remaining: int, computer: LocalComputer | ClusterComputer, console: Console
 ) -> Iterator[Callable[[int], None]]:
     """Show points done, forcing periods per second if known, time left; yield what advances."""
     periods = config.sweep.known_periods
     scaled = ", one f computed and the others scaled" if config.sweep.spec.scaled else ""
-    name, began, computed = printable(config.name) + scaled, time.monotonic(), 0
-    named = Column(no_wrap=True, max_width=max(8, console.width - 62))  # the others need so much
+    name, start, count = printable(config.name) + scaled, time.monotonic(), 0
+    names = Column(no_wrap=True, max_width=max(8, console.width - 62))  # the others need so much
     with Progress(
-        TextColumn("{task.description}", markup=False, table_column=named),
+        TextColumn("{task.description}", markup=False, table_column=names),
         BarColumn(),
         MofNCompleteColumn(table_column=Column(no_wrap=True)),
         TextColumn("points  {task.fields[speed]}"),
@@ -168,15 +168,15 @@ def _progress(
         console=console,
         disable=console.quiet,
     ) as bar:
-        text, size = name + computer.described(), config.sweep.size
-        task = bar.add_task(text, total=size, completed=size - left, speed="")
+        text, size = name + computer.place_text(), config.sweep.size
+        task = bar.add_task(text, total=size, completed=size - remaining, speed="")
 
         def advance(points: int) -> None:
-            nonlocal computed
-            computed += points
-            rate = computed * (periods or 0) / (time.monotonic() - began)
+            nonlocal count
+            count += points
+            rate = count * (periods or 0) / (time.monotonic() - start)
             speed = f"{rate:,.0f} periods/s" if periods else ""
-            bar.update(task, advance=points, description=name + computer.described(), speed=speed)
+            bar.update(task, advance=points, description=name + computer.place_text(), speed=speed)
 
         yield advance
 

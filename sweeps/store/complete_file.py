@@ -36,7 +36,7 @@ from sweeps.text import command, missing_text
 #: The end of the trailer: size and checksum of the table before it, magic.
 _END = struct.Struct("<QI8s")
 #: Name in the table for bytes outside the data of variables: coordinates, attributes, metadata.
-_REST = "rest"
+_OTHER = "rest"
 #: Most bytes under one checksum, so that several threads can share the work.
 _PIECE = 1 << 22
 #: A part of the file: variable, start, size and checksum.
@@ -112,14 +112,14 @@ def _add_table(new: BinaryIO, variables: Iterable[str]) -> None:
             chunks: list[Any] = []
             if data.chunks is not None:
                 data.id.chunk_iter(chunks.append)
-            elif (place := data.id.get_offset()) is not None:
-                spans.append((place, data.nbytes, name))
+            elif (offset := data.id.get_offset()) is not None:
+                spans.append((offset, data.nbytes, name))
             spans += [(chunk.byte_offset, chunk.size, name) for chunk in chunks]
     rows: list[Row] = []
     at = 0
     for start, size, name in [*sorted(spans), (end, 0, "")]:
         if start > at:
-            rows.append((_REST, at, start - at, 0))
+            rows.append((_OTHER, at, start - at, 0))
         if rows[-1][0] == name and rows[-1][2] + size <= _PIECE:  # beside the one before
             rows[-1] = (name, rows[-1][1], rows[-1][2] + size, 0)
         elif size > 0:
@@ -136,7 +136,7 @@ def _checksums(file: BinaryIO, rows: Iterable[Row]) -> list[int]:
     reading = Lock()
 
     def checksum(row: Row) -> int:
-        if row[0] != _REST:  # this part is also read after an interrupt, to report what was done
+        if row[0] != _OTHER:  # these are also read after an interrupt, to report what was done
             check()
         with reading:
             file.seek(row[1])
@@ -156,7 +156,7 @@ def check_file(path: Path, *, verify: bool = True) -> str:
     try:
         with open_regular(path) as file:
             table, digest = _table(file)
-            rows = [row for row in table if verify or row[0] == _REST]
+            rows = [row for row in table if verify or row[0] == _OTHER]
             pairs = list(zip(rows, _checksums(file, rows), strict=True))
     except FileNotFoundError:
         raise StoreError(missing_text(path)) from None
@@ -166,7 +166,7 @@ def check_file(path: Path, *, verify: bool = True) -> str:
     if kind not in (None, Content.SWEEP):
         raise StoreError(f"{path} is {kind.value}")
     damaged = sorted({name for (name, _, _, crc), now in pairs if crc != now})
-    if not rows or _REST in damaged:
+    if not rows or _OTHER in damaged:
         raise StoreError(
             f"{path} is damaged outside its results, truncated, changed by another program, or "
             f"not of format version {FORMAT_VERSION}: what is in it cannot be trusted; run its "
@@ -184,9 +184,9 @@ def _table(file: BinaryIO) -> tuple[list[Row], str]:
     """Return the table of a file and a digest of it; empty without one that covers the file."""
     size = file.seek(0, os.SEEK_END)
     file.seek(max(0, size - _END.size))
-    end = file.read()
-    if len(end) == _END.size and end.endswith(TRAILER):
-        length, crc, _ = _END.unpack(end)
+    footer = file.read()
+    if len(footer) == _END.size and footer.endswith(TRAILER):
+        length, crc, _ = _END.unpack(footer)
         start = size - _END.size - length
         file.seek(max(0, start))
         table = file.read(length) if start > 0 else b""
@@ -250,5 +250,5 @@ def schema_in_parts(path: Path) -> tuple[Schema, int]:
 def per_point(path: Path, names: Iterable[str]) -> tuple[dict[str, np.ndarray], float]:
     """Return those variables of one value per point that a file has, and the duration [s]."""
     with open_file(path, check_file(path, verify=False)) as file, of_this_form(path):
-        held = {name: file[name][()] for name in names if name in file}
-        return held, float(file.attrs["duration"])
+        values = {name: file[name][()] for name in names if name in file}
+        return values, float(file.attrs["duration"])

@@ -113,11 +113,11 @@ class Parts:
         for number in numbers:
             pairs = [*zip(box, schema.blocks[number], strict=True)]
             if all(a.start < b.stop and b.start < a.stop for a, b in pairs):
-                there = tuple(slice(max(0, b.start - a.start), b.stop - a.start) for a, b in pairs)
-                here = tuple(slice(max(0, a.start - b.start), a.stop - b.start) for a, b in pairs)
+                target = tuple(slice(max(0, b.start - a.start), b.stop - a.start) for a, b in pairs)
+                cut = tuple(slice(max(0, a.start - b.start), a.stop - b.start) for a, b in pairs)
                 for name, array in self.read(number, names).items():
                     record = (slice(width) for width in array.shape[len(box) :])
-                    arrays[name][(*there, *record)] = array[here]
+                    arrays[name][(*target, *record)] = array[cut]
         return arrays
 
     def read(self, number: int, names: Collection[str]) -> dict[str, np.ndarray]:
@@ -126,7 +126,7 @@ class Parts:
         Raises StoreError if they are damaged, or if the file is gone or another one.
         """
         arrays: dict[str, np.ndarray] = {}
-        with self._opened(number) as (file, _):
+        with self._open(number) as (file, _):
             for name in names:
                 if name in TRAJECTORIES:
                     columns = self._columns(file, number, name)
@@ -154,14 +154,14 @@ class Parts:
                 yield name, box, array
         for number, block in enumerate(self.schema.blocks):
             for name in columns:
-                with self._opened(number) as (file, _):
+                with self._open(number) as (file, _):
                     lengths, samples = self._columns(file, number, name)
                 room = 1 + _PIECE // (samples.itemsize * max(1, self.entries[number].samples))
                 for box, array in _padded(block, lengths, samples, room):
                     yield name, box, array
 
     @contextmanager
-    def _opened(self, number: int) -> Iterator[tuple[zipfile.ZipFile, object]]:
+    def _open(self, number: int) -> Iterator[tuple[zipfile.ZipFile, object]]:
         """Open the file of a block, that of its entry if it has one; also return its `identity`.
 
         Any error is a StoreError. An OSError is no damage, unless damage led to a place that no
@@ -169,11 +169,11 @@ class Parts:
         """
         path = self.files[number]
         try:
-            with open_regular(path) as file, zipfile.ZipFile(file) as held:
-                now = identity_of(os.fstat(file.fileno()))
-                if number in self.entries and now != self.entries[number].file:
+            with open_regular(path) as file, zipfile.ZipFile(file) as archive:
+                current = identity_of(os.fstat(file.fileno()))
+                if number in self.entries and current != self.entries[number].file:
                     raise StoreError(f"{path} was replaced by another program, or {_GONE}")
-                yield held, now
+                yield archive, current
         except StoreError:
             raise
         except FileNotFoundError:
@@ -218,7 +218,7 @@ class Parts:
 
     def _entry(self, number: int, verify: bool) -> Entry:
         """Return the entry of a block; refuse the block of another sweep, or a damaged one."""
-        with self._opened(number) as (file, now):
+        with self._open(number) as (file, current):
             about = self._array(file, number, "about")
             if (about["sweep"], about["number"]) != (self.sweep, number):
                 raise StoreError(f"{self.files[number]} belongs to another sweep")
@@ -229,7 +229,7 @@ class Parts:
             names = {"points", *self.schema.variables}.difference(self._single)
             for name in names if verify else ():
                 (self._columns if name in columns else self._array)(file, number, name)
-        return Entry(int(about["samples"]), float(about["seconds"]), now)
+        return Entry(int(about["samples"]), float(about["seconds"]), current)
 
 
 def _joined(blocks: Sequence[Block], room: int) -> list[tuple[Block, list[int]]]:
@@ -256,16 +256,16 @@ def _padded(
         middle = (box[axis].start + box[axis].stop) // 2
         for cut in (slice(box[axis].start, middle), slice(middle, box[axis].stop)):
             half = (*box[:axis], cut, *box[axis + 1 :])
-            here, lengths = np.split(lengths, [block_points(half)])
-            column, samples = np.split(samples, [here.sum()])
-            yield from _padded(half, here, column, most)
+            half_lengths, lengths = np.split(lengths, [block_points(half)])
+            column, samples = np.split(samples, [half_lengths.sum()])
+            yield from _padded(half, half_lengths, column, most)
     else:
         array = np.full((len(lengths), lengths.max(initial=0)), np.nan)
         array[np.arange(array.shape[1]) < lengths[:, None]] = samples
         yield box, array.reshape(*box_shape(box), -1)
 
 
-def kept_points(path: Path) -> tuple[int, int] | None:
+def finished_points(path: Path) -> tuple[int, int] | None:
     """Return the number of finished points and of all points; None without an incomplete sweep."""
     try:
         parts = Parts(parts_path(path), verify=False)
@@ -274,5 +274,5 @@ def kept_points(path: Path) -> tuple[int, int] | None:
     except StoreError:
         return None
     blocks = parts.schema.blocks
-    done = sum(block_points(blocks[number]) for number in parts.entries)
-    return done, sum(map(block_points, blocks))
+    finished = sum(block_points(blocks[number]) for number in parts.entries)
+    return finished, sum(map(block_points, blocks))

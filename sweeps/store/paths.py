@@ -1,4 +1,4 @@
-"""Names the files of a sweep; tells their `Content` and owner, the room on the disk.
+"""Names the files of a sweep; tells their `Content`; refuses outputs, and disks without room.
 
 While a sweep runs, it has a folder for its blocks, ``OUT.h5.parts``, and a lock, ``OUT.h5.lock``.
 """
@@ -20,7 +20,7 @@ from sweeps.store.replacing import (
     TRAILER,
     UnreadableError,
     absolute,
-    check_place,
+    check_path,
     identity,
     not_regular,
     of_another_user,
@@ -39,7 +39,7 @@ BLOCK = r"block-\d+\.npz"
 DRAFT = r"\.(schema\.h5|block-\d+\.npz)\.[0-9a-f]+-[0-9a-f]{8}\.new"
 _HDF5 = b"\x89HDF\r\n\x1a\n"
 #: Number of bytes at each end of a file that are searched for its format and its trailer.
-_ENDS = 1 << 16
+_SEARCH_SIZE = 1 << 16
 
 #: Endings of other kinds of files, refused for an output because they are surely a mistake: of
 #: pictures and films, tables, texts, arrays and archives.
@@ -90,8 +90,8 @@ def content(path: Path) -> Content | None:
     """
     try:
         with open_regular(path) as file:
-            head = file.read(_ENDS)
-            file.seek(max(0, os.fstat(file.fileno()).st_size - _ENDS))
+            head = file.read(_SEARCH_SIZE)
+            file.seek(max(0, os.fstat(file.fileno()).st_size - _SEARCH_SIZE))
             tail = file.read()
     except (FileNotFoundError, NotADirectoryError):
         return None
@@ -100,8 +100,8 @@ def content(path: Path) -> Content | None:
     if not head:
         return Content.NOTHING
     hdf5 = head.startswith(_HDF5)
-    copied = b"_NCProperties" in head + tail  # by xarray
-    if TRAILER[:-2] in tail or (hdf5 and FORMAT.encode() in head and not copied):  # of any version
+    copy = b"_NCProperties" in head + tail  # by xarray
+    if TRAILER[:-2] in tail or (hdf5 and FORMAT.encode() in head and not copy):  # of any version
         return Content.SWEEP
     return Content.HDF5 if hdf5 else Content.OTHER
 
@@ -131,16 +131,16 @@ def has_file(path: Path) -> bool:
 def is_sweep(path: Path) -> bool:
     """Return whether the path has an HDF5 file, of a sweep or not, or an incomplete sweep."""
     try:
-        held = content(path if has_file(path) else parts_path(path) / SCHEMA)
+        kind = content(path if has_file(path) else parts_path(path) / SCHEMA)
     except StoreError:
         return False  # reading it as YAML reports the error
-    return held in (Content.SWEEP, Content.HDF5)
+    return kind in (Content.SWEEP, Content.HDF5)
 
 
 def check_output(path: str | Path, *, overwrite: bool = False, resume: bool = False) -> None:
     """Refuse a path where a sweep cannot be written, or may not replace what is there."""
     path = Path(path)
-    check_place(path, "output")
+    check_path(path, "output")
     parts = parts_path(path)
     if path.suffix.lower() in (PARTS, LOCK):
         raise StoreError(
@@ -216,8 +216,8 @@ def check_room(path: Path, size: int, *, resume: bool = False) -> None:
     incomplete = identity(parts / SCHEMA) is not None
     existing = incomplete or path.exists()
     if resume and existing:  # the blocks already take part of the room, a complete file all
-        taken = sum(about[2] for file in parts.glob("*") if (about := identity(file)))
-        size = size - taken if incomplete else 0
+        used_bytes = sum(about[2] for file in parts.glob("*") if (about := identity(file)))
+        size = size - used_bytes if incomplete else 0
     free = shutil.disk_usage(parts.parent).free
     if size > free:
         also = ", delete the old file first" if existing else ""

@@ -74,8 +74,8 @@ def error_number(error: Exception) -> int | None:
 
 
 def check_target(path: Path, what: str, *, only_new: bool = False) -> Path:
-    """Do as `check_place`, and refuse to replace a complete sweep, or with `only_new` any file."""
-    target, end = check_place(path, what), b""
+    """Do as `check_path`, and refuse to replace a complete sweep, or with `only_new` any file."""
+    target, end = check_path(path, what), b""
     if only_new and target.exists():
         raise StoreError(f"{path} exists, and is not replaced; remove it, or rename it")
     with suppress(OSError), target.open("rb") as file:
@@ -88,7 +88,7 @@ def check_target(path: Path, what: str, *, only_new: bool = False) -> Path:
     return target
 
 
-def check_place(path: Path, what: str) -> Path:
+def check_path(path: Path, what: str) -> Path:
     """Return the path of the file to write, for a link its target; refuse what cannot be written.
 
     `what` is the word for the file in messages, such as "output". In a folder where others may
@@ -179,11 +179,11 @@ def writing(path: Path, what: str, *, only_new: bool = False) -> Iterator[Buffer
     replaced, not even one that was made meanwhile. The draft of a killed process is removed by a
     process that replaces the same file a day later. An OSError becomes Failed with the path.
     """
-    checked = partial(check_target, path, what, only_new=only_new)
-    target = checked()
+    check = partial(check_target, path, what, only_new=only_new)
+    target = check()
     try:
         remove_leftovers(target, _DAY)
-        with replacing(target, checked, {} if only_new else None) as new:
+        with replacing(target, check, {} if only_new else None) as new:
             yield new
         sync_names(target.parent)
     except OSError as error:
@@ -194,7 +194,7 @@ def writing(path: Path, what: str, *, only_new: bool = False) -> Iterator[Buffer
 def replacing(
     path: Path,
     refuse: Callable[[], object] = lambda: None,
-    known: dict[Path, Identity] | None = None,
+    files: dict[Path, Identity] | None = None,
 ) -> Iterator[BufferedRandom]:
     """Yield a draft, a new and empty file open for writing and reading, which replaces `path`.
 
@@ -204,13 +204,13 @@ def replacing(
 
     Others may write to the folder, and put files and links in the place of the draft or of `path`,
     which must not be a link itself. Therefore the draft is never opened by its name again, and it
-    stays open: the system could give the number of a closed file to theirs. With `known`, only the
+    stays open: the system could give the number of a closed file to theirs. With `files`, only the
     file that has this identity there is replaced, or a free name taken; the new identity is noted
     there. Only between the last look at the file and its replacement, one put there is lost.
     """
     new = draft_of(path)
     with new.open("x+b") as file:  # creates the file, so that no file of another user is opened
-        mine = os.fstat(file.fileno())
+        status = os.fstat(file.fileno())
         try:
             yield file
             file.flush()
@@ -219,27 +219,27 @@ def replacing(
             if _WINDOWS:
                 file.close()
             about = os.lstat(new)
-            if not os.path.samestat(about, mine):
+            if not os.path.samestat(about, status):
                 raise Failed(f"{new} was replaced by another program while it was written")
-            if known is None:
+            if files is None:
                 os.replace(new, path)
             else:
-                _put(new, path, mine, known.get(path))
-                known[path] = identity_of(about)
+                _put(new, path, status, files.get(path))
+                files[path] = identity_of(about)
         finally:
             if _WINDOWS:
                 file.close()
-            if has_name(new, mine):
+            if has_name(new, status):
                 new.unlink()
 
 
-def _put(new: Path, path: Path, mine: os.stat_result, before: Identity | None) -> None:
+def _put(new: Path, path: Path, status: os.stat_result, before: Identity | None) -> None:
     """Give a draft the name of the file that was there before, or a free name, and no other."""
     if before and identity(path) == before:
         os.replace(new, path)
     else:
         _take(new, path)
-    if not has_name(path, mine):
+    if not has_name(path, status):
         if has_name(new, os.lstat(path)):  # it was no draft that got the name
             path.unlink()
         raise Failed(f"{path} or its draft was replaced by another program")

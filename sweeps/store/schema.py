@@ -29,7 +29,7 @@ from sweeps.store.variables import (
     RECORDS,
     VARIABLES,
     attributes_of,
-    held_variables,
+    record_widths,
 )
 from sweeps.yaml_text import yaml_mapping
 from vibroimpact import __version__
@@ -79,7 +79,7 @@ class Schema:
 
         grid, spec = sweep.grid, sweep.spec
         columns = (TABLE in grid.axes and grid.axes[TABLE].dtype.names) or ()
-        held = held_variables(spec)
+        held = record_widths(spec)
         widths = {VARIABLES[variable].dimension: width for variable, width in held.items()}
         records = {record: np.arange(width) for record, width in widths.items() if record}
         records["section"] += spec.transient + 1
@@ -163,22 +163,22 @@ def write_schema(file: h5py.File, schema: Schema, *, compressed: bool, with_bloc
     file.attrs.update(schema.attributes)
     columns = str(schema.attributes.get(COLUMN_NAMES, "")).split()
     file.attrs[_COORDINATES] = " ".join([*schema.fixed, *columns])
-    made: dict[str, h5py.Dataset] = {}
+    datasets: dict[str, h5py.Dataset] = {}
     for name, (dimensions, values) in schema.coordinates().items():
         dtype = h5py.string_dtype() if np.asarray(values).dtype == object else None
-        dataset = made[name] = file.create_dataset(name, data=values, dtype=dtype)
+        dataset = datasets[name] = file.create_dataset(name, data=values, dtype=dtype)
         dataset.attrs.update(attributes_of(name, schema.attributes, schema.column_units))
         if dimensions == (name,):
             dataset.make_scale(name)
         elif dimensions:
-            dataset.dims[0].attach_scale(made[dimensions[0]])
+            dataset.dims[0].attach_scale(datasets[dimensions[0]])
     for name in schema.variables:
         sizes, dtype = schema.sizes(name), VARIABLES[name].dtype
         storage = _storage(schema, name, compressed)
         dataset = file.create_dataset(name, tuple(sizes.values()), dtype, **storage)
         dataset.attrs.update(attributes_of(name, schema.attributes))
         for dimension, axis in zip(dataset.dims, sizes, strict=True):
-            dimension.attach_scale(made[axis])
+            dimension.attach_scale(datasets[axis])
     if with_blocks:
         bounds = [[(cut.start, cut.stop) for cut in block] for block in schema.blocks]
         file[_BLOCKS] = np.array(bounds, np.int64).reshape(len(bounds), len(schema.axes), 2)
@@ -197,10 +197,10 @@ def of_this_form(path: Path) -> Iterator[None]:
         ) from error
 
 
-def _own(file: h5py.File, name: str) -> h5py.Dataset:
+def _dataset_in(file: h5py.File, name: str) -> h5py.Dataset:
     """Return a dataset with this name, whose data are in this file."""
-    is_own = "/" not in name and isinstance(file.get(name, getlink=True), h5py.HardLink)
-    data = file[name] if is_own else None
+    is_inside = "/" not in name and isinstance(file.get(name, getlink=True), h5py.HardLink)
+    data = file[name] if is_inside else None
     if not isinstance(data, h5py.Dataset) or data.external or data.is_virtual:
         raise ValueError(f"{name} is not in it")
     return data
@@ -208,7 +208,7 @@ def _own(file: h5py.File, name: str) -> h5py.Dataset:
 
 def _values(file: h5py.File, name: str) -> np.ndarray:
     """Return the values of a dataset that is as large as the file says."""
-    data = _own(file, name)
+    data = _dataset_in(file, name)
     if data.nbytes > data.id.get_storage_size():
         raise ValueError(f"{name} lacks values")
     return data.asstr()[()] if h5py.check_string_dtype(data.dtype) else data[()]
@@ -219,11 +219,11 @@ def _check_form(file: h5py.File, schema: Schema) -> None:
     texts = "name", "configuration", "computation", "numerics"
     if {type(schema.attributes[key]) for key in texts} != {str}:
         raise TypeError("an attribute is no text")
-    held = [VARIABLES[name] for name in ("poincare_x", *schema.variables)]
-    kinds = {(variable.dimension, variable.diagnostic) for variable in held}
+    variables = [VARIABLES[name] for name in ("poincare_x", *schema.variables)]
+    kinds = {(variable.dimension, variable.diagnostic) for variable in variables}
     for name, variable in VARIABLES.items():
         if (variable.dimension, variable.diagnostic) in kinds:  # of which a file has all
-            data, shape = _own(file, name), (*schema.sizes(name).values(),)
+            data, shape = _dataset_in(file, name), (*schema.sizes(name).values(),)
             if (data.shape, data.dtype) != (shape, variable.dtype):
                 raise ValueError(f"{name} has another shape or type")
     if any(

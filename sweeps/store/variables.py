@@ -103,8 +103,8 @@ _MEANINGS = {**RECORDS, TABLE: "row of the table", DIRECTION: "way in which the 
 
 def unit_in(attributes: Mapping[str, Any], unit: str) -> str:
     """Return a unit with the names that the attributes of a file give to length and time."""
-    called = {key: str(attributes.get(f"{key}_unit", key)) for key in ("length", "time")}
-    return in_units(unit, called)
+    units = {key: str(attributes.get(f"{key}_unit", key)) for key in ("length", "time")}
+    return in_units(unit, units)
 
 
 def description_in(attributes: Mapping[str, Any], meaning: str, unit: str) -> dict[str, str]:
@@ -112,16 +112,16 @@ def description_in(attributes: Mapping[str, Any], meaning: str, unit: str) -> di
 
     A unit with a length or a time without a name is left out, as other programs would refuse it.
     """
-    named = unit_in(attributes, unit)
-    return {"long_name": meaning} | ({} if UNNAMED.search(named) else {"units": named})
+    unit_text = unit_in(attributes, unit)
+    return {"long_name": meaning} | ({} if UNNAMED.search(unit_text) else {"units": unit_text})
 
 
 def attributes_of(
     name: str, attributes: Mapping[str, Any], column_units: Mapping[str, str] = {}
 ) -> dict[str, Any]:
     """Return what a file says of an axis, a parameter, a column, a record or a variable."""
-    if of := PARAMETERS.get(name) or VARIABLES.get(name):
-        meaning, unit, symbol = of.meaning, of.unit, of.symbol
+    if entry := PARAMETERS.get(name) or VARIABLES.get(name):
+        meaning, unit, symbol = entry.meaning, entry.unit, entry.symbol
     else:
         meaning, unit, symbol = _MEANINGS.get(name, name), column_units.get(name, "1"), ""
     about: dict[str, Any] = description_in(attributes, meaning, unit) | {"symbol": symbol}
@@ -131,7 +131,7 @@ def attributes_of(
     return about
 
 
-def held_variables(spec: RunSpec, at_impacts: float = 0) -> dict[str, int]:
+def record_widths(spec: RunSpec, at_impacts: float = 0) -> dict[str, int]:
     """Return how many values of a point each variable of a file for `spec` holds.
 
     Trajectories have `at_impacts` samples at impacts in every period.
@@ -156,6 +156,6 @@ def held_variables(spec: RunSpec, at_impacts: float = 0) -> dict[str, int]:
 
 
 def bytes_per_point(spec: RunSpec, at_impacts: float = 0) -> int:
-    """Return the size in bytes of the results of one point, with the widths of `held_variables`."""
-    held = held_variables(spec, at_impacts)
-    return sum(np.dtype(VARIABLES[name].dtype).itemsize * width for name, width in held.items())
+    """Return the size in bytes of the results of one point, with the widths of `record_widths`."""
+    widths = record_widths(spec, at_impacts)
+    return sum(np.dtype(VARIABLES[name].dtype).itemsize * width for name, width in widths.items())

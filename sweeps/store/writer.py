@@ -34,7 +34,7 @@ from sweeps.store.paths import (
 )
 from sweeps.store.replacing import (
     Identity,
-    check_place,
+    check_path,
     draft_of,
     has_name,
     identity,
@@ -67,11 +67,11 @@ def sweep_writer(
     removed if it stays empty. Raises StoreError if another process holds the lock, if the file
     cannot be created, or as `check_output` does, and Failed if the folder cannot be made.
     """
-    check_place(path, "output")
+    check_path(path, "output")
     real = Path(os.path.realpath(path))  # the file that is checked, also if a link changes
     lock_file, folder = real.with_name(f"{real.name}{LOCK}"), parts_path(real)
     try:
-        lock, mine = _acquired(lock_file)
+        lock, lock_status = _acquired(lock_file)
     except Timeout:
         if not os.path.lexists(lock_file):
             raise StoreError(
@@ -95,7 +95,7 @@ def sweep_writer(
                 folder.rmdir()
     finally:
         with suppress(OSError):  # on Windows a locked file cannot be removed
-            if mine and has_name(lock_file, mine):
+            if lock_status and has_name(lock_file, lock_status):
                 lock_file.unlink()
         lock.release()
 
@@ -110,11 +110,11 @@ class SweepWriter:
     def __init__(self, path: Path, resume: bool) -> None:
         self._path, self._resume = path, resume
         #: The files that are replaced or removed; others may appear from now on, and stay.
-        self._known: dict[Path, Identity] = {}
+        self._files: dict[Path, Identity] = {}
         with _failure(path, "written"):
             for file in (path, *parts_path(path).glob("*")):
                 if file.is_file() and not file.is_symlink():
-                    self._known[file] = identity(file) or ()
+                    self._files[file] = identity(file) or ()
 
     def begin(self, schema: Schema) -> list[Block] | None:
         """Begin the sweep, or resume it; return the blocks to write, None if it is complete.
@@ -124,26 +124,26 @@ class SweepWriter:
         schema cannot be written; an old sweep is then unchanged.
         """
         path, folder = self._path, parts_path(self._path)
-        begun = identity(folder / SCHEMA) is not None
+        incomplete = identity(folder / SCHEMA) is not None
         with _failure(path, "written"):
             remove_leftovers(path)  # drafts may be large
-            if begun:
+            if incomplete:
                 self._remove_files(DRAFT)
-        if self._resume and (begun or content(path) not in (None, Content.NOTHING)):
-            old = schema_of(folder / SCHEMA if begun else path)
+        if self._resume and (incomplete or content(path) not in (None, Content.NOTHING)):
+            old = schema_of(folder / SCHEMA if incomplete else path)
             if differing := schema.differences(old):
                 raise StoreError(
-                    f"{folder if begun else path} cannot be resumed: {'; '.join(differing)}; "
+                    f"{folder if incomplete else path} cannot be resumed: {'; '.join(differing)}; "
                     f"{OR_OVERWRITE}"
                 )
-            if not begun:
+            if not incomplete:
                 self._remove()  # a run was killed while it did so
                 return None
         else:
             with _failure(path, "created"):
                 folder.mkdir(exist_ok=True)
                 # Once the schema is replaced, no old block belongs to the sweep.
-                with replacing(folder / SCHEMA, known=self._known) as new:
+                with replacing(folder / SCHEMA, files=self._files) as new:
                     write_file(new, schema, None)
                 sync_names(folder)
                 sync_names(folder.parent)
@@ -152,7 +152,7 @@ class SweepWriter:
             self._parts = parts = Parts(folder)
             self._refuse_loss()
             for number, entry in parts.entries.items():
-                if entry.file != self._known.get(file := parts.files[number]):
+                if entry.file != self._files.get(file := parts.files[number]):
                     raise Failed(f"{file} was written by another program, and is not used")
         self._began = time.monotonic() - parts.seconds  # as if computed without a pause
         self._synced = time.monotonic()
@@ -185,12 +185,12 @@ class SweepWriter:
         with _failure(self._path, "written"):
             self._refuse_loss()
             file = parts.files[number]
-            with replacing(file, known=self._known) as new, zipfile.ZipFile(new, "w") as members:
+            with replacing(file, files=self._files) as new, zipfile.ZipFile(new, "w") as members:
                 for name, array in arrays.items():
                     with members.open(f"{name}.npy", "w", force_zip64=True) as member:
                         whole = np.concatenate(array) if name in TRAJECTORIES else array
                         np.lib.format.write_array(member, whole, allow_pickle=False)
-            parts.entries[number] = Entry(longest, seconds, self._known[file])
+            parts.entries[number] = Entry(longest, seconds, self._files[file])
             if time.monotonic() > self._synced + _SYNC:
                 sync_names(parts.folder)
                 self._synced = time.monotonic()
@@ -200,7 +200,7 @@ class SweepWriter:
         parts = self._parts
         with _failure(self._path, "completed"):
             self._refuse_loss()
-            with replacing(self._path, known=self._known) as new:
+            with replacing(self._path, files=self._files) as new:
                 pieces = parts.pieces()
                 write_file(new, parts.file_schema, pieces, self._began, compressed=compressed)
             sync_names(self._path.parent)
@@ -209,7 +209,7 @@ class SweepWriter:
     def _refuse_loss(self) -> None:
         """Raise Failed if another program has removed or replaced the schema."""
         schema = self._parts.folder / SCHEMA
-        if (now := identity(schema)) != self._known.get(schema):
+        if (now := identity(schema)) != self._files.get(schema):
             loss = "removed" if now is None else "replaced"
             raise Failed(f"{self._parts.folder} was {loss} by another program while it was written")
 
@@ -221,9 +221,9 @@ class SweepWriter:
         folder = parts_path(self._path)
         schema, last = folder / SCHEMA, draft_of(folder / SCHEMA)
         with suppress(OSError):  # on Windows, another process is reading it; there are other files
-            if (about := self._known.pop(schema, None)) == identity(schema) and about:
+            if (about := self._files.pop(schema, None)) == identity(schema) and about:
                 os.replace(schema, last)
-                self._known[last] = about
+                self._files[last] = about
                 sync_names(folder)  # a loss of power leaves no schema without its blocks
             self._remove_files(BLOCK)
             sync_names(folder)
@@ -232,10 +232,10 @@ class SweepWriter:
 
     def _remove_files(self, names: str) -> None:
         """Remove the known files of the folder whose names match a pattern."""
-        for path, about in list(self._known.items()):
+        for path, about in list(self._files.items()):
             if path != self._path and re.fullmatch(names, path.name) and identity(path) == about:
                 path.unlink()
-                del self._known[path]
+                del self._files[path]
 
 
 @contextmanager

@@ -83,9 +83,9 @@ class SweepEngine(BackendEntrypoint):
         """Open a sweep as `open_sweep` does; xarray then caches it, or cuts it into chunks."""
         PATH.checked("filename_or_obj", filename_or_obj, Refused)
         FLAG.checked("verify", verify, Refused)
-        dataset = _read(Path(filename_or_obj), verify)
-        dropped = [drop_variables] if isinstance(drop_variables, str) else [*(drop_variables or ())]
-        return dataset.drop_vars(dropped, errors="ignore") if dropped else dataset
+        dataset = _open(Path(filename_or_obj), verify)
+        names = [drop_variables] if isinstance(drop_variables, str) else [*(drop_variables or ())]
+        return dataset.drop_vars(names, errors="ignore") if names else dataset
 
     def guess_can_open(self, filename_or_obj: Any) -> bool:
         """Whether a path is that of a sweep of this format: its last bytes say so."""
@@ -106,7 +106,7 @@ class SweepEngine(BackendEntrypoint):
 Index = tuple[int | slice | np.ndarray, ...]
 
 
-def _read(path: Path, verify: bool) -> xr.Dataset:
+def _open(path: Path, verify: bool) -> xr.Dataset:
     """Return the Dataset of `open_sweep`, whose arrays are read each time they are used."""
     from sweeps.store.complete_file import check_file
     from sweeps.store.parts import Parts
@@ -116,12 +116,12 @@ def _read(path: Path, verify: bool) -> xr.Dataset:
         folder = parts_path(path)
         while True:  # a run may complete the file, or begin another one, between two steps
             if has_file(path) or identity(folder / SCHEMA) is None:
-                return _opened(path, check_file(path, verify=verify))
+                return _open_complete(path, check_file(path, verify=verify))
             try:
                 parts = Parts(folder, verify=verify)
                 if not has_file(path):
                     with of_this_form(folder / SCHEMA):
-                        return _incomplete(parts)
+                        return _open_blocks(parts)
             except StoreError:
                 if not has_file(path):
                     raise
@@ -129,7 +129,7 @@ def _read(path: Path, verify: bool) -> xr.Dataset:
         raise StoreError(f"{str(path)!r} cannot be read: {reason(error)}") from error
 
 
-def _opened(path: Path, digest: str) -> xr.Dataset:
+def _open_complete(path: Path, digest: str) -> xr.Dataset:
     """Open a complete file for the arrays of the Dataset, and again if xarray has closed it."""
     from sweeps.store.complete_file import open_file
     from sweeps.store.schema import of_this_form, schema_in
@@ -152,7 +152,7 @@ def _in_file(path: Path, manager: CachingFileManager, name: str, key: Index) -> 
         raise UnreadableError(path, error) from error
 
 
-def _incomplete(parts: Parts) -> xr.Dataset:
+def _open_blocks(parts: Parts) -> xr.Dataset:
     """Open the finished blocks of a sweep as a Dataset."""
     schema = parts.file_schema
     box = schema.blocks[0]
@@ -163,15 +163,15 @@ def _incomplete(parts: Parts) -> xr.Dataset:
 def _in_blocks(parts: Parts, name: str, key: Index) -> np.ndarray:
     """Return the values that a key selects, from all blocks that overlap them."""
     box: list[slice] = []
-    rest: list[int | slice | np.ndarray] = []
+    within: list[int | slice | np.ndarray] = []
     for cut, values in zip(key, parts.schema.axes.values(), strict=False):
-        chosen = range(len(values))[cut] if isinstance(cut, slice) else np.atleast_1d(cut)
-        first, last = (int(chosen[0]), int(chosen[-1])) if len(chosen) else (0, -1)
+        indices = range(len(values))[cut] if isinstance(cut, slice) else np.atleast_1d(cut)
+        first, last = (int(indices[0]), int(indices[-1])) if len(indices) else (0, -1)
         box.append(slice(first, last + 1))
-        rest.append(slice(None, None, cut.step) if isinstance(cut, slice) else cut - first)
+        within.append(slice(None, None, cut.step) if isinstance(cut, slice) else cut - first)
     array = parts.values(tuple(box), [name], parts.entries)[name]
     # One axis at a time, the last first: an array would move to the front beside an integer.
-    for axis, index in reversed(list(enumerate([*rest, *key[len(rest) :]]))):
+    for axis, index in reversed(list(enumerate([*within, *key[len(within) :]]))):
         array = array[(slice(None),) * axis + (index,)]
     return array
 

@@ -23,7 +23,7 @@ import numpy as np
 
 from sweeps import StoreError, open_sweep
 from sweeps.interrupts import SIGNALS
-from sweeps.store.parts import kept_points
+from sweeps.store.parts import finished_points
 from tests.helpers.places import ROOT
 from tests.helpers.sweep_files import data
 from vibroimpact.status import Status
@@ -165,7 +165,7 @@ def share_written(path: Path) -> float:
     """Return the share of written points of a sweep, 0 if it has not begun."""
     if path.exists():
         return 1.0
-    done, points = kept_points(path) or (0, 1)
+    done, points = finished_points(path) or (0, 1)
     return done / points
 
 

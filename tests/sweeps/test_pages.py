@@ -102,7 +102,9 @@ def test_what_pages_comments_and_docstrings_name_exists():
 
 def test_a_name_that_is_gone_is_found():
     gone = "".join(["nowhere", "_to_be_found"])  # in two parts: no word of this file
-    text = f"`{gone}` of `step/{gone}.py`, sweeps.opened.{gone}; `kept_points` of `store/parts.py`"
+    text = (
+        f"`{gone}` of `step/{gone}.py`, sweeps.opened.{gone}; `finished_points` of `store/parts.py`"
+    )
     assert missing_names(text) == {gone}
     assert missing_files(text) == {f"step/{gone}.py"}
     assert missing_modules(text) == {f"sweeps.opened.{gone}"}

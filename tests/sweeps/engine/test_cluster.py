@@ -98,7 +98,7 @@ def test_an_interrupt_takes_the_tasks_off_the_cluster(client, stop_after):
 def test_a_long_axis_travels_without_a_warning(client):
     sweep = load(CONFIG, *LINEAR, "oscillator.omega.num=2000000").sweep
     blocks = [(slice(i, i + 1),) for i in (0, 777_777)]
-    for block, results in ClusterComputer(client).computed(sweep, blocks):
+    for block, results in ClusterComputer(client).compute_blocks(sweep, blocks):
         np.testing.assert_equal(results, compute_block(sweep, block, 1))
 
 
@@ -117,12 +117,12 @@ def test_a_killed_worker_costs_nothing_but_time(monkeypatch, cluster, client, sm
 def test_workers_may_come_when_the_run_has_begun():
     options = {"processes": False, "n_workers": 0, "threads_per_worker": 1}
     with LocalCluster(**options, dashboard_address=":0") as cluster, Client(cluster) as client:
-        assert ClusterComputer(client).described() == ", waiting for a worker"
+        assert ClusterComputer(client).place_text() == ", waiting for a worker"
         later = threading.Timer(0.5, cluster.scale, [1])
         later.start()
         run_sweep(load(CONFIG), "out.h5", client=client)
         later.join()
-        assert ClusterComputer(client).described() == " on 1 worker"
+        assert ClusterComputer(client).place_text() == " on 1 worker"
     assert_same_bits("out.h5")
 
 
@@ -161,7 +161,7 @@ def test_a_lost_scheduler_leaves_what_was_done(monkeypatch, small_blocks):
 def test_an_error_on_a_worker_ends_the_run_with_its_text(client):
     without_an_axis = [()] * 20
     with pytest.raises(Failed, match=r"a worker of tcp://\S+ failed with ValueError: zip\(\)"):
-        list(ClusterComputer(client).computed(load(CONFIG).sweep, without_an_axis))
+        list(ClusterComputer(client).compute_blocks(load(CONFIG).sweep, without_an_axis))
 
 
 @pytest.fixture
@@ -248,7 +248,7 @@ def test_a_worker_with_many_threads_is_in_the_kernel_once(monkeypatch):
         assert computer.cores == 4
         with monkeypatch.context() as patch:
             patch.setattr("sweeps.engine.executors.compute_points", watched)
-            found = list(computer.computed(sweep, blocks))
+            found = list(computer.compute_blocks(sweep, blocks))
     assert most == 1
     assert given == {min(4, os.cpu_count())}
     assert len(found) == len(blocks)
@@ -265,7 +265,7 @@ def test_no_more_is_handed_out_than_the_workers_need(client):
             yield (slice(number, number + 1),)
 
     sweep, taken = load(CONFIG).sweep, 0
-    for block, results in ClusterComputer(client).computed(sweep, blocks()):
+    for block, results in ClusterComputer(client).compute_blocks(sweep, blocks()):
         np.testing.assert_equal(results, compute_block(sweep, block, 1))
         taken += 1
         assert len(handed) <= taken + 3 * WORKERS + 2  # what is out, and two on this side

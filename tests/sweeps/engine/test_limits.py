@@ -15,10 +15,10 @@ from sweeps.engine import estimate as limits
 from sweeps.engine.estimate import available_memory, block_size, expected_cost, trial
 from sweeps.engine.executors import (
     LocalComputer,
-    completed,
     compute,
     compute_block,
     other_thread,
+    submit_blocks,
 )
 from sweeps.engine.sweep_run import run_sweep
 from sweeps.errors import StoreError
@@ -142,7 +142,7 @@ def test_the_memory_and_size_that_are_told_are_those_of_blocks_and_file(changes,
     block = (slice(0, told.block),)
     block = (slice(0, 2), *block) if changes else block
     arrays = sum(array.nbytes for array in compute_block(config.sweep, block, None).values())
-    assert told.memory == pytest.approx(limits._BLOCKS_HELD * arrays, rel=0.01)
+    assert told.memory == pytest.approx(limits._BLOCKS_IN_MEMORY * arrays, rel=0.01)
     size = run_sweep(config, "out.h5").stat().st_size
     assert told.file == pytest.approx(size, rel=0.03)
 
@@ -256,7 +256,7 @@ def test_one_block_is_computed_while_another_is_written_and_none_when_the_rest_i
         return {}
 
     with other_thread() as executor, pytest.raises(ValueError, match="the end"):
-        for block, future in completed(partial(executor.submit, compute), count(), lambda: 2):
+        for block, future in submit_blocks(partial(executor.submit, compute), count(), lambda: 2):
             assert future.result() == {}
             assert later.acquire(timeout=300.0), "the next block is not begun"
             time.sleep(0.02)  # in which one block too many would begin
@@ -268,7 +268,9 @@ def test_a_run_takes_one_block_beside_the_one_that_is_written():
     """The results of all that it takes are in memory."""
     sweep, taken = load(CONFIG, "record.transient=0", "record.periods=1").sweep, []
     blocks = (taken.append(block) or block for block in sweep.grid.blocks(100))
-    for written, _ in enumerate(LocalComputer(1).computed(sweep, blocks, lambda points: None)):
+    for written, _ in enumerate(
+        LocalComputer(1).compute_blocks(sweep, blocks, lambda points: None)
+    ):
         assert len(taken) <= written + 2
     assert len(taken) > 10
 

@@ -24,7 +24,7 @@ from sweeps import open_sweep
 from sweeps.errors import Failed, StoreError, SweepError
 from sweeps.reports import kept_text
 from sweeps.store import writer
-from sweeps.store.parts import kept_points
+from sweeps.store.parts import finished_points
 from tests.helpers.sweep_files import data
 from tests.helpers.written_files import (
     FOUR_BLOCKS,
@@ -150,14 +150,14 @@ def test_whichever_call_fails_a_resumed_run_loses_nothing(step):
 def test_whichever_call_fails_a_reader_sees_all_that_is_there_or_is_refused(blocks, step):
     fill_blocks("out.h5", blocks, plan=FOUR_BLOCKS)
     there, which = data("out.h5"), 0
-    counts = kept_points(Path("out.h5"))
+    counts = finished_points(Path("out.h5"))
     made = [None]
     while len(made) > which:
         with one_failing(which, errno.EIO) as made:
             with suppress(StoreError):
                 assert data("out.h5").equals(there)
             with suppress(StoreError):
-                assert kept_points(Path("out.h5")) == counts
+                assert finished_points(Path("out.h5")) == counts
         which += step
     assert which > 4 and {"stat", "open"} <= {name for name, _ in made}
 

@@ -12,7 +12,7 @@ import xarray as xr
 from sweeps.config.groups import DIAGNOSTICS
 from sweeps.grid import Grid
 from sweeps.reports import status_counts
-from sweeps.store.variables import VARIABLES, held_variables
+from sweeps.store.variables import VARIABLES, record_widths
 from sweeps.store.xarray_engine import open_sweep
 from tests.helpers.written_files import (
     CONFIGURATION,
@@ -75,7 +75,7 @@ def test_blocks_of_many_shapes_and_large_records_come_back(tmp_path, followed, s
     with open_sweep(path) as dataset:
         # A width of zero leaves the variables out.
         assert set(dataset.sizes) == {"h", "R", "f", "section"}
-        assert {*dataset.data_vars} == {*held_variables(spec_of(widths, ()))}
+        assert {*dataset.data_vars} == {*record_widths(spec_of(widths, ()))}
         for block in plan.blocks:
             x = results(block)["poincare_x"].reshape(dataset["poincare_x"][block].shape)
             np.testing.assert_array_equal(dataset["poincare_x"][block].values, x)
@@ -141,7 +141,7 @@ def test_a_single_point_has_no_axes(tmp_path, compressed):
     ],
 )
 def test_diagnostics_not_asked_for_are_left_out(tmp_path, diagnostics, expected):
-    held = held_variables(spec_of(diagnostics=diagnostics))
+    held = record_widths(spec_of(diagnostics=diagnostics))
     with begun(tmp_path / "out.h5", schema(diagnostics=diagnostics)):
         with open_sweep(tmp_path / "out.h5") as dataset:
             assert set(dataset.data_vars) == set(held)
