@@ -52,8 +52,8 @@ class Grid:
     @property
     def swept(self) -> dict[str, np.ndarray]:
         """The values along its axis of each parameter that is not fixed."""
-        parts = (parameters_of(axis, values) for axis, values in self.axes.items())
-        return {name: values for part in parts for name, values in part.items()}
+        groups = (parameters_of(axis, values) for axis, values in self.axes.items())
+        return {name: values for group in groups for name, values in group.items()}
 
     @property
     def scales_with_f(self) -> bool:
@@ -111,9 +111,9 @@ class Grid:
 
     def along(self, name: str) -> np.ndarray:
         """Return the values of a parameter, in a shape that is broadcast against the grid."""
-        for place, (axis, values) in enumerate(self.axes.items(), 1):
+        for number, (axis, values) in enumerate(self.axes.items(), 1):
             if name in (columns := parameters_of(axis, values)):
-                return columns[name].reshape(-1, *(1,) * (len(self.axes) - place))
+                return columns[name].reshape(-1, *(1,) * (len(self.axes) - number))
         return np.asarray(self.fixed[name])
 
     def spread(self, count: int) -> np.ndarray:

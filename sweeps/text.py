@@ -49,8 +49,8 @@ def _quoted(word: str) -> str:
     """Quote a word for a shell; bash reads unprintable characters from their bytes."""
     if word.isprintable():
         return shlex.quote(word)
-    kept = {c for c in word if c.isprintable() and c not in "'\\"}
-    parts = (c if c in kept else "".join(map("\\x{:02x}".format, os.fsencode(c))) for c in word)
+    plain = {c for c in word if c.isprintable() and c not in "'\\"}
+    parts = (c if c in plain else "".join(map("\\x{:02x}".format, os.fsencode(c))) for c in word)
     return f"$'{''.join(parts)}'"
 
 
@@ -169,7 +169,7 @@ def progress_shown(work: str, quiet: bool = False) -> Iterator[Callable[[float],
     console = Console(stderr=True, quiet=quiet, soft_wrap=True)
     status, begin, done = console.status(""), time.perf_counter(), threading.Event()
     state: dict[str, Any] = {"share": 0.0, "compiling": ""}
-    told = {""}
+    lines_shown = {""}
 
     def show(line: str, **new: Any) -> None:  # the line is that of a log
         state.update(new)
@@ -181,8 +181,8 @@ def progress_shown(work: str, quiet: bool = False) -> Iterator[Callable[[float],
         if console.is_terminal and not quiet:
             status.update(Text(printable(text)))
             status.start()
-        elif line not in told:
-            told.add(line)
+        elif line not in lines_shown:
+            lines_shown.add(line)
             console.print(Text(printable(line)))
 
     def wait() -> None:

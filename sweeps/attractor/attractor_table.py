@@ -88,13 +88,13 @@ def attractor_rows(sweep: OpenedSweep, result: xr.Dataset) -> list[AttractorRow]
     axes = [str(name) for name in result["attractors"].dims]
     columns = result[[name for name in result if "coexisting" in result[name].dims]]
     frame = columns.to_dataframe(dim_order=[*axes, "coexisting"])[list(columns)]
-    is_there = frame["number"].values >= 0
-    frame = frame[is_there]
+    exists = frame["number"].values >= 0
+    frame = frame[exists]
     index = GridIndex.of(sweep)
     file = np.empty((index.parameter.max() + 1, index.start.max() + 1), np.int64)
     file[index.parameter, index.start] = np.arange(len(index.start))
-    place = file[np.flatnonzero(is_there) // result.sizes["coexisting"], frame["representative"]]
-    points = sweep.points[place]
+    indices = file[np.flatnonzero(exists) // result.sizes["coexisting"], frame["representative"]]
+    points = sweep.points[indices]
     swept = sweep.values(parameter_axes(sweep))
     points["x0"], points["v0"] = frame["section_x"], frame["section_v"]
     m = np.where(frame["motion"] == Regime.PERIODIC, frame["m"], 0)
@@ -103,14 +103,14 @@ def attractor_rows(sweep: OpenedSweep, result: xr.Dataset) -> list[AttractorRow]
     measures = {name: frame[name].tolist() for name in added}
     return [
         AttractorRow(
-            {name: values.flat[place[i]].item() for name, values in swept.items()},
+            {name: values.flat[indices[i]].item() for name, values in swept.items()},
             row.number,
             Regime(row.motion),
             row.m,
             row.q,
             row.fraction,
             *orbits[i],
-            int(place[i]),
+            int(indices[i]),
             {name: values[i] for name, values in measures.items()},
         )
         for i, row in enumerate(frame.itertuples())
@@ -128,8 +128,8 @@ def orbits_of(
     for periods, impacts in np.unique(np.stack([m, q], axis=1)[m > 0], axis=0).tolist():
         at = np.flatnonzero((m == periods) & (q == impacts))
         sections, hits = run_on(spec, points[at], periods, impacts)
-        for place, speeds, states in zip(at.tolist(), hits[:, :, 1], sections, strict=True):
-            orbits[place] = np.sort(speeds[np.isfinite(speeds)]), states
+        for index, speeds, states in zip(at.tolist(), hits[:, :, 1], sections, strict=True):
+            orbits[index] = np.sort(speeds[np.isfinite(speeds)]), states
     return orbits
 
 

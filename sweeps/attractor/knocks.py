@@ -121,16 +121,16 @@ def knocks(
         axes = listed(starts.grid) or "none"
         raise Refused(f"a knock needs x0 and v0 as the only axes, others fixed; there are {axes}")
     found = attractors(starts) if found is None else found
-    known = found["number"].values.tolist()
-    wanted = set(known if numbers is None else numbers)
-    if not wanted <= set(known):
-        out_of = f"numbers out of {listed(str(number) for number in known if number >= 0)}"
+    every = found["number"].values.tolist()
+    requested = set(every if numbers is None else numbers)
+    if not requested <= set(every):
+        out_of = f"numbers out of {listed(str(number) for number in every if number >= 0)}"
         raise Refused(refusal(f"numbers = {input_text(numbers)}", out_of))
     at_point, limit = _Attractors(starts, found), float(np.ptp(starts["v0"].values))
-    sought = at_point.orbits.keys() & wanted
+    sought = at_point.orbits.keys() & requested
     rows = [
         at_point.worst(number, limit) if number in sought else Knock(harmful=math.nan)
-        for number in known
+        for number in every
     ]
     columns = zip(*rows, strict=True)
     return found.assign(
@@ -159,7 +159,7 @@ class _Attractors:
                     self.orbits[number] = orbit_of_motion(motion, self._phase)
         self._cycles = {i: orbit.sections(self._phase) for i, orbit in self.orbits.items()}
 
-    def _reached(self, phase: float, states: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def _destinations(self, phase: float, states: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the attractors that motions from states (n, 2) reach, and which are certified.
 
         The attractor is -1 if it is unknown.
@@ -177,8 +177,8 @@ class _Attractors:
             rest = rests(results)
             certified[rows] &= results["status"] == Status.CERTIFIED
             x, v, m, q = (results[name] for name in _OF_ORBIT)
-            known = self._orbits_near(x, v, lambda orbit: (m == orbit.m) & (q == orbit.q))
-            number[rows] = np.where(rest, self._of_regime.get(Regime.REST, -1), known)
+            near = self._orbits_near(x, v, lambda orbit: (m == orbit.m) & (q == orbit.q))
+            number[rows] = np.where(rest, self._of_regime.get(Regime.REST, -1), near)
             endless[rows] = without_class(results["class_evidence"], results["status"]) & ~rest
             return endless[rows]
 
@@ -203,26 +203,26 @@ class _Attractors:
             number[rows[apart.min(axis=1) <= 1.0]] = attractor
         return number
 
-    def _try(self, home: int, phase: float, states: np.ndarray, ways: np.ndarray) -> Knock:
+    def _try(self, home: int, phase: float, states: np.ndarray, changes: np.ndarray) -> Knock:
         """Return the knock of the first harmful size, or one of infinite size if none is harmful.
 
         `states`, shape (n, 2), are the motion at this phase in successive forcing periods. Each row
-        of `ways`, shape (k, sizes), has changes of velocity that start with a harmless one.
+        of `changes`, shape (k, sizes), has changes of velocity that start with a harmless one.
         """
-        knocked = states[:, None, None] + np.stack([np.zeros_like(ways), ways], axis=2)
-        reached = self._reached(phase % math.tau, knocked.reshape(-1, 2))
-        number, certified = (values.reshape(knocked.shape[:3]) for values in reached)
+        knocked = states[:, None, None] + np.stack([np.zeros_like(changes), changes], axis=2)
+        destinations = self._destinations(phase % math.tau, knocked.reshape(-1, 2))
+        number, certified = (values.reshape(knocked.shape[:3]) for values in destinations)
         harmful = number != home
         harmful[:, :, 0] = False  # known; at a fractal boundary, rounding could change it
         if not harmful.any():
             return Knock()
         size = int(harmful.any(axis=(0, 1)).argmax())
-        turn, way = np.argwhere(harmful[:, :, size])[0]
-        (x, v), (low, high) = states[turn], ways[way, size - 1 : size + 1]
-        to, fractal = number[turn, way, size], np.count_nonzero(np.diff(harmful[turn, way])) > 1
-        known = number[turn, way, size - 1] == home and to >= 0
-        known &= certified[turn, way, size - 1 : size + 1].all()
-        return Knock(phase + math.tau * turn, x, v, low, high, to, bool(known), bool(fractal))
+        turn, row = np.argwhere(harmful[:, :, size])[0]
+        (x, v), (low, high) = states[turn], changes[row, size - 1 : size + 1]
+        to, fractal = number[turn, row, size], np.count_nonzero(np.diff(harmful[turn, row])) > 1
+        certain = number[turn, row, size - 1] == home and to >= 0
+        certain &= certified[turn, row, size - 1 : size + 1].all()
+        return Knock(phase + math.tau * turn, x, v, low, high, to, bool(certain), bool(fractal))
 
     def _scan(self, home: int, phase: float, sizes: np.ndarray) -> Knock:
         """Return the least harmful knock at a phase, out of sizes that increase from 0."""

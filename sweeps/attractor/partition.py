@@ -207,8 +207,8 @@ def attractors(
     ):
         data[name] = (status.dims, values.reshape(status.shape), {"long_name": meaning})
     data["attractors"] = index.parameters, counted, {"long_name": "distinct attractors found"}
-    taken = {*data, "coexisting", SETS}  # a column of a table may have one of these names
-    return xr.Dataset(data, status.drop_vars(taken, errors="ignore").coords)
+    names = {*data, "coexisting", SETS}  # a column of a table may have one of these names
+    return xr.Dataset(data, status.drop_vars(names, errors="ignore").coords)
 
 
 def _by_rank(
@@ -284,16 +284,16 @@ def same_motions(
     # two of these places are in both coordinates as near as the cycles are.
     x, v = np.moveaxis(cycles.states, -1, 0)
     after = np.fmin(v, -cycles.R[:, None] * v)
-    places = (np.nansum(column, axis=1) / cycles.m for column in (x, after))
+    means = (np.nansum(column, axis=1) / cycles.m for column in (x, after))
     size = np.nanmax(np.abs(cycles.states), axis=(1, 2), initial=0.0)
     radius = tolerance * size * (1.0 + 1e-9)  # rounding included
-    sites = np.column_stack([*places, 4.0 * radius.max() * group])  # groups are kept apart
+    sites = np.column_stack([*means, 4.0 * radius.max() * group])  # groups are kept apart
     near = KDTree(sites).query_ball_point(sites, radius, p=np.inf)
     a, b = np.repeat(np.arange(count), list(map(len, near))), np.concatenate(near).astype(int)
     a, b = a[a != b], b[a != b]
     equal = distances(cycles, a, b) <= tolerance
-    ends = tuple(column[equal].astype(np.int32) for column in (a, b))  # SciPy 1.11 needs int32
-    graph = coo_array((equal[equal], ends), (count, count))
+    pairs = tuple(column[equal].astype(np.int32) for column in (a, b))  # SciPy 1.11 needs int32
+    graph = coo_array((equal[equal], pairs), (count, count))
     number = connected_components(graph, directed=False)[1]
     return np.unique(number, return_index=True)[1][number]
 
@@ -310,8 +310,8 @@ def _numbers(
     has_neighbours = len(index.shape) and SETS not in index.parameters
     if has_neighbours:  # the values of an axis may be in any order
         ranks = [sweep[name].values.argsort().argsort() for name in index.parameters]
-        places = np.unravel_index(parameter, index.shape)
-        parameter = np.ravel_multi_index([*map(np.take, ranks, places)], index.shape)
+        indices = np.unravel_index(parameter, index.shape)
+        parameter = np.ravel_multi_index([*map(np.take, ranks, indices)], index.shape)
     at = np.flatnonzero(periodic)
     at = at[np.argsort(parameter[at], kind="stable")]
     chain = np.arange(len(at))

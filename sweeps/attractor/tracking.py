@@ -86,7 +86,7 @@ def settle(
             break
         continued[going] = True
         periods = 3 * length * 4**i + _CLASS_PERIODS
-        motions[going], state[going], rested = _extended(spec, state[going], periods)
+        motions[going], state[going], rested = _continue(spec, state[going], periods)
         rests[going] += rested
         before, chaotic = chaotic, _chaotic(regime, rests, parameter)
         unknown = regime == Regime.UNKNOWN
@@ -113,7 +113,7 @@ def _last_states(points: np.ndarray, sweep: OpenedSweep) -> np.ndarray:
     return last
 
 
-def _extended(
+def _continue(
     spec: RunSpec, points: np.ndarray, periods: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Continue motions, and return where they go, their last states, and how often they rested.
@@ -121,7 +121,7 @@ def _extended(
     A motion that failed in any part has failed: its last state is a start, from which the next part
     begins anew.
     """
-    parts = []
+    chunks = []
     for state in np.array_split(points, -(-points.size // _POINTS_AT_ONCE)):
         rests, worst = np.zeros(state.size, np.int64), np.full(state.size, Status.COMPUTED, np.int8)
         for length in _lengths(periods - _CLASS_PERIODS):
@@ -134,11 +134,11 @@ def _extended(
         rests += _rests_of(record["rest_fraction"], record["chatters"])
         share = np.maximum(before["rest_fraction"], record["rest_fraction"])
         of_both = {"rest_fraction": share, "status": np.maximum(worst, record["status"])}
-        reached = motions_from(bare, state, before | record | of_both)
+        motions = motions_from(bare, state, before | record | of_both)
         put_last(state, record, spec.phase)
-        parts.append((reached, state, rests))
-    reached, state, rests = map(np.concatenate, zip(*parts, strict=True))
-    return reached, state, rests
+        chunks.append((motions, state, rests))
+    motions, state, rests = map(np.concatenate, zip(*chunks, strict=True))
+    return motions, state, rests
 
 
 def _lengths(periods: int) -> list[int]:
@@ -196,8 +196,8 @@ def track(shape: tuple[int, ...], point: np.ndarray, near: Links, seeded: Links)
     gap = max(1, int(MAX_GAP * shape[longest]))
     over = [(1, near), (1, seeded), *((step, near) for step in range(2, gap + 1))]
     a, b = _along(shape, point, longest, over)
-    ends = a.astype(np.int32), b.astype(np.int32)  # SciPy 1.11 needs int32
-    linked = coo_array((np.ones(len(a)), ends), (count, count))
+    pairs = a.astype(np.int32), b.astype(np.int32)  # SciPy 1.11 needs int32
+    linked = coo_array((np.ones(len(a)), pairs), (count, count))
     chain = connected_components(linked, directed=False)[1]
     others = (axis for axis in range(len(shape)) if axis != longest)
     borders = [chain[_along(shape, point, axis, [(1, near)])] for axis in others]
@@ -253,11 +253,11 @@ def lead_to_each_other(
         seeds = to["point"].copy()
         seeds["x0"] = np.minimum(from_["point"]["x0"], seeds["clearance"])
         seeds["v0"] = from_["point"]["v0"]
-        ends = motions_from(spec, seeds, compute_points(spec, seeds, None))
-        there = (ends["m"] == to["m"]) & (ends["q"] == to["q"])
-        at, ends, to = at[there], ends[there], to[there]
+        final = motions_from(spec, seeds, compute_points(spec, seeds, None))
+        is_same = (final["m"] == to["m"]) & (final["q"] == to["q"])
+        at, final, to = at[is_same], final[is_same], to[is_same]
         pairs = np.arange(2 * len(at)).reshape(2, -1)
-        cycles = cycles_of(spec, np.concatenate([ends, to]))
+        cycles = cycles_of(spec, np.concatenate([final, to]))
         at = at[distances(cycles, *pairs) <= ORBIT_TOLERANCE]
     mask[at] = True
     return mask

@@ -32,23 +32,23 @@ def bifurcation_report(sweep: OpenedSweep, file: Path, changes: pd.DataFrame) ->
     """Write the bifurcations of a sweep that `find_bifurcations` found in a file."""
     axis = changes.attrs["axis"]
     if changes.empty:
-        parts = [f"the class of the motion does not change along {axis}"]
+        texts = [f"the class of the motion does not change along {axis}"]
     elif _is_summary(changes):
         name, value = changes.columns[0], _label(changes.iat[0, 0])
-        parts = [f"{_summary(changes)}; one by one: --at {name}={value}, or --csv FILE"]
-        parts += ["\n".join(_meanings(changes))]
+        texts = [f"{_summary(changes)}; one by one: --at {name}={value}, or --csv FILE"]
+        texts += ["\n".join(_meanings(changes))]
     else:
-        parts = _one_by_one(changes)
+        texts = _one_by_one(changes)
     notes = [_following(sweep, changes), _narrowing(file, changes), _unclassified(sweep, changes)]
-    parts += ["\n".join(filter(None, notes)), changes.attrs["branches"]]
-    return "\n\n".join(filter(None, parts))
+    texts += ["\n".join(filter(None, notes)), changes.attrs["branches"]]
+    return "\n\n".join(filter(None, texts))
 
 
 def _one_by_one(changes: pd.DataFrame) -> list[str]:
     """Return the table of bifurcations in their order, a summary of what it lacks, and notes."""
     inexact = changes["value"].isna() & (changes["kind"] != "crisis")
     listed, others = changes[~inexact], changes[inexact]
-    parts, narrow = [], 0
+    texts, narrow = [], 0
     if len(listed) > _MOST_ROWS:
         narrow = int(listed["narrow"].sum())
         listed = listed[~listed["narrow"]]
@@ -56,12 +56,12 @@ def _one_by_one(changes: pd.DataFrame) -> list[str]:
         listed = changes.loc[listed.index.union(others.index)]
     if len(listed):
         head = [*changes.attrs["heads"], "kind", "orbit", "classes", "between", ""]
-        parts.append(table([head, *(_row(changes, item) for item in listed.to_dict("records"))]))
+        texts.append(table([head, *(_row(changes, item) for item in listed.to_dict("records"))]))
     if narrow:
-        parts.append(f"{narrow} more on branches that are stable over less than 1 % of the axis")
+        texts.append(f"{narrow} more on branches that are stable over less than 1 % of the axis")
     if len(others) > _MOST_INEXACT:
-        parts.append(f"{len(others)} changes without an exact value\n{_summary(others)}")
-    return [*parts, "\n".join([*_cascades(changes), *_meanings(changes)])]
+        texts.append(f"{len(others)} changes without an exact value\n{_summary(others)}")
+    return [*texts, "\n".join([*_cascades(changes), *_meanings(changes)])]
 
 
 def _unclassified(sweep: OpenedSweep, changes: pd.DataFrame) -> str:
@@ -177,13 +177,13 @@ def cascades(changes: Sequence[tuple[float, Label, Label]]) -> Iterator[list[flo
     `changes` are values of the axis, in its order, with the classes before and after.
     """
     for step in (1, -1):
-        run, reached = list[float](), None
+        run, child = list[float](), None
         for value, *classes in changes[::step]:
             parent, doubled = classes[::step]
             if not parent.doubles_to(doubled):
                 continue
-            if parent != reached:
+            if parent != child:
                 yield from [run] * (len(run) >= 3)
                 run = []
-            run, reached = [*run, value], doubled
+            run, child = [*run, value], doubled
         yield from [run] * (len(run) >= 3)

@@ -160,8 +160,8 @@ def find_bifurcations(
     summary = ""
     if is_line:
         exact = keep(branches)(sweep, along, at, report, **chosen)
-        summary, way = exact.attrs["summary"], dict.fromkeys(others, "both")
-        rows += [way | row for row in _of_branches(exact, data[along].values, rows)]
+        summary, direction = exact.attrs["summary"], dict.fromkeys(others, "both")
+        rows += [direction | row for row in _of_branches(exact, data[along].values, rows)]
         lines = list(dict.fromkeys(tuple(row[name] for name in others) for row in rows))
         rows.sort(key=lambda row: (lines.index(tuple(row[name] for name in others)), row["place"]))
     names = [name for name in TABLE_COLUMNS if name != "source"]
@@ -190,20 +190,20 @@ def explained_changes(
     period, impacts = data.values(("period", "period_impacts")).values()
     rows, unclassified = list[dict[str, Any]](), 0
     for index in np.ndindex(motions.shape[:-1]):
-        line, own = coordinates.isel(dict(zip(others, index, strict=True))), motions[index]
-        classes = labels_of(own["regime"], period[index], impacts[index], line["R"].values)
+        line, motion = coordinates.isel(dict(zip(others, index, strict=True))), motions[index]
+        classes = labels_of(motion["regime"], period[index], impacts[index], line["R"].values)
         unclassified += classes.count(None)
         values, down = line[parameter].values, _is_followed_down(spec, line, parameter)
-        here = {name: line[name].item() for name in others} | {"down": down, "narrow": False}
+        of_line = {name: line[name].item() for name in others} | {"down": down, "narrow": False}
         changes = [*changes_of_class(values, classes)]
         for i, change in enumerate(changes):
             report(0.0)
-            for part, reason in explain(own, spec.phase, parameter, values, change, down):
+            for each, reason in explain(motion, spec.phase, parameter, values, change, down):
                 if sections is not None and reason.kind == "basin":
                     chaos = _ending(data, sections, index, parameter, changes, i)
                     if chaos and (saddle := crisis(chaos, report)):
                         reason = Explanation("crisis", orbit=saddle)
-                row = here | vars(part) | {"kind": reason.kind, "value": reason.value}
+                row = of_line | vars(each) | {"kind": reason.kind, "value": reason.value}
                 row |= {"orbit": reason.orbit, "criticality": ""}
                 row |= _row_of(np.full(2, np.nan), np.empty(0), np.full(2, np.nan + 0j))
                 if (orbit := reason.at) is not None:
@@ -218,31 +218,31 @@ def explained_changes(
         low, value, high, place = nomenclature.value(parameter, np.stack([low, value, high, place]))
         # The rounding of a conversion may move a value beyond its neighbours.
         table |= {"low": low, "value": value.clip(low, high), "high": high, "place": place}
-    columns = {name: (("row", "label")[: part.ndim], part) for name, part in table.items()}
+    columns = {name: (("row", "label")[: each.ndim], each) for name, each in table.items()}
     return xr.Dataset(columns, attrs={"unclassified": unclassified})
 
 
 def _ending(
-    data: OpenedSweep, sections: xr.Dataset, index: tuple[int, ...], parameter: str,
+    data: OpenedSweep, sections: xr.Dataset, line: tuple[int, ...], parameter: str,
     changes: Sequence[Change], i: int,
 ) -> Chaos | None:  # fmt: skip
     """Return the chaos that ends at the i-th change, if it is chaos on one side only."""
-    points = data.motions[index]["point"]
+    points = data.motions[line]["point"]
     values, change = points[parameter], changes[i]
     chaotic = [label.regime == Regime.CHAOTIC for label in (change.before, change.after)]
     if sum(chaotic) != 1:
         return None
     data.check("poincare_x", "poincare_v")
     if chaotic[0]:
-        last, end, first = change.low, change.high, changes[i - 1].low if i else values[0]
+        last, next_value, first = change.low, change.high, changes[i - 1].low if i else values[0]
     else:
-        last, end = change.high, change.low
+        last, next_value = change.high, change.low
         first = changes[i + 1].high if changes[i + 1 :] else values[-1]
-    place = int(np.searchsorted(values, last))
-    states = np.repeat(points[place], sections.sizes["section"])
+    index = int(np.searchsorted(values, last))
+    states = np.repeat(points[index], sections.sizes["section"])
     for name in "xv":
-        states[f"{name}0"] = sections[f"poincare_{name}"].values[index][place]
-    return Chaos(data.spec, states, parameter, first, end)
+        states[f"{name}0"] = sections[f"poincare_{name}"].values[line][index]
+    return Chaos(data.spec, states, parameter, first, next_value)
 
 
 def _row_of(state: np.ndarray, speeds: np.ndarray, multipliers: np.ndarray) -> dict[str, Any]:
@@ -268,8 +268,8 @@ def _of_branches(
     wide, near = wide_branches(exact), least_difference(values[0], values[-1])
     for kind, value, orbit, members in _special_points(exact, near):
         same = [row for row in listed if (row["kind"], row["orbit"]) == (kind, orbit)]
-        known = np.array([row["value"] for row in same])
-        if (np.abs(known - value) <= near).any():
+        values_listed = np.array([row["value"] for row in same])
+        if (np.abs(values_listed - value) <= near).any():
             continue
         before, after = _classes_beside(exact, members)
         value = float(np.clip(value, values[0], values[-1]))  # beyond them by rounding
@@ -327,5 +327,5 @@ def _is_followed_down(spec: RunSpec, line: xr.Dataset, parameter: str) -> bool:
     """Whether the line was followed downwards: each point started from the next greater value."""
     if spec.followed != parameter:
         return False
-    way = line[DIRECTION].item() if DIRECTION in line.coords else spec.directions[0]
-    return bool(way == "down")
+    direction = line[DIRECTION].item() if DIRECTION in line.coords else spec.directions[0]
+    return bool(direction == "down")

@@ -151,11 +151,11 @@ _CHECKS = 2
 
 
 def with_short_chords(
-    path: Branch, low: float, high: float, drawn: Callable[[Orbits], np.ndarray], tolerance: float
+    path: Branch, low: float, high: float, y_of: Callable[[Orbits], np.ndarray], tolerance: float
 ) -> Branch:
     """Return a branch with enough points that its plotted curve stays close to their chords.
 
-    `drawn` returns the ordinates of n orbits in the plot over the parameter, as shares of the
+    `y_of` returns the ordinates of n orbits in the plot over the parameter, as shares of the
     plotted ranges, shape (n, k). They stay within `tolerance` of a chord, and a jump lies between
     two points that are as close together. Between such points nothing is looked for.
     """
@@ -164,16 +164,16 @@ def with_short_chords(
     orbit = PeriodicOrbit(osc, path.m, path.phases[0], path.speeds[0])
     family = OrbitFamily(orbit, (ContinuationParameter(name, low, high),))
     X = family.unknowns(path.phases, path.speeds, path.values[:, None])
-    y = drawn(path.orbits)
-    place = np.arange(len(X), dtype=float)  # along the branch
+    y = y_of(path.orbits)
+    position = np.arange(len(X), dtype=float)  # along the branch
     begin, end = np.arange(len(X) - 1), np.arange(1, len(X))
     checks = np.full(len(begin), _CHECKS)  # of each chord that are left
     while begin.size:
-        middle, is_found = _middles(family, X[begin], X[end])
-        begin, end, checks = begin[is_found], end[is_found], checks[is_found]
+        middle, converged = _middles(family, X[begin], X[end])
+        begin, end, checks = begin[converged], end[converged], checks[converged]
         new = len(X) + np.arange(len(begin))
-        X, y = np.concatenate([X, middle]), np.concatenate([y, drawn(family.orbits(middle))])
-        place = np.append(place, 0.5 * (place[begin] + place[end]))
+        X, y = np.concatenate([X, middle]), np.concatenate([y, y_of(family.orbits(middle))])
+        position = np.append(position, 0.5 * (position[begin] + position[end]))
         off = _are_off(X[:, -1], y, (begin, new, end), tolerance)
         checks = np.where(off, _CHECKS, checks - 1)
         going = checks > 0
@@ -185,7 +185,7 @@ def with_short_chords(
     added = family.orbits(X[count:])
     # Not as their neighbours: a fold and a flip in one step have stable orbits between them.
     stable = (np.abs(added.multipliers) < 1.0).all(axis=1)
-    order = np.argsort(place)
+    order = np.argsort(position)
     return replace(
         path,
         values=np.append(path.values, family.within(X[count:]))[order],
@@ -201,14 +201,14 @@ def _middles(
     """Return the orbits that are found halfway between orbits of a branch, and which these are."""
     chord = end - begin
     guess = begin + 0.5 * chord
-    X, is_found = guess, np.ones(len(guess), bool)
+    X, converged = guess, np.ones(len(guess), bool)
     if family.q:
-        X, is_found = family.corrected_each(guess, chord)
+        X, converged = family.corrected_each(guess, chord)
     weights = np.append(np.full(2 * family.q, 1.0 / max(family.q, 1)), 1.0)  # of `inner`
-    moved, half = ((weights * way**2).sum(axis=1) for way in (X - guess, guess - begin))
+    moved, half = ((weights * step**2).sum(axis=1) for step in (X - guess, guess - begin))
     low, high = family.bounds[0]
-    is_found &= (moved <= half) & (low <= X[:, -1]) & (X[:, -1] <= high)
-    return X[is_found], is_found
+    converged &= (moved <= half) & (low <= X[:, -1]) & (X[:, -1] <= high)
+    return X[converged], converged
 
 
 def _are_off(

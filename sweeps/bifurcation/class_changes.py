@@ -51,9 +51,9 @@ class Change:
     @property
     def kind(self) -> str:
         """The kind that the two classes suggest, without proof."""
-        ends = {self.before.regime, self.after.regime}
+        regimes = {self.before.regime, self.after.regime}
         for regime in _REGIMES:
-            if regime in ends and len(ends) == 2:
+            if regime in regimes and len(regimes) == 2:
                 return regime.word
         is_flip = self.before.doubles_to(self.after) or self.after.doubles_to(self.before)
         return "flip" if is_flip else "unknown"
@@ -113,19 +113,19 @@ def explain(
     if not exact:
         return [(change, Explanation(change.kind))]
     near = least_difference(values[0], values[-1])
-    parts = [(change, exact[0])]
+    pairs = [(change, exact[0])]
     if change.between and not _is_joined(change, first, second, near):
-        parts = [
+        pairs = [
             (
                 _open(values, change, onward.value, after=after),
                 onward if onward.is_exact else Explanation("unknown"),
             )
             for onward, after in ((left, True), (right, False))
         ]
-    return [(_reached(part, reason.value, left, right, near), reason) for part, reason in parts]
+    return [(_change_at(each, reason.value, left, right, near), reason) for each, reason in pairs]
 
 
-def _reached(
+def _change_at(
     change: Change, value: float, left: Explanation, right: Explanation, near: float
 ) -> Change:
     """Return a change at a value, without the classes of motions that end before they reach it."""
@@ -179,11 +179,11 @@ def cells_of_change(classes: np.ndarray, regimes: np.ndarray) -> np.ndarray:
     `classes` are m and q of each cell, 0 if it is not periodic. The cells between the two have no
     class, or are chaotic: a known rest or a motion without bound ends the search.
     """
-    known = np.argwhere(np.isin(regimes, [Regime.PERIODIC, Regime.REST, Regime.UNBOUNDED]))
+    classified = np.argwhere(np.isin(regimes, [Regime.PERIODIC, Regime.REST, Regime.UNBOUNDED]))
     changes = [np.empty((0, 2, 2), int)]
     for axis in (0, 1):
         widest = max(FEW, WIDEST_GAP * regimes.shape[axis])
-        cells = known[np.lexsort((known[:, axis], known[:, 1 - axis]))]
+        cells = classified[np.lexsort((classified[:, axis], classified[:, 1 - axis]))]
         pairs = np.stack([cells[:-1], cells[1:]], axis=1)
         steps = pairs[:, 1] - pairs[:, 0]
         before, after = classes[*pairs[:, 0].T], classes[*pairs[:, 1].T]

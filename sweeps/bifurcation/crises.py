@@ -28,7 +28,7 @@ MOST_MOTIONS = 50
 _FIRST, _ALL, _LONG = 2000, 10_000, 20_000
 #: Places before the change, in steps of the axis, at which motions may still stay; they separate
 #: from the single motion of the sweep only beside its value. Width to which they are bisected.
-_PLACES, _WIDTH = (0.01, 1.0, 2.0, 4.0, 8.0, 16.0), 1e-5
+_DISTANCES, _WIDTH = (0.01, 1.0, 2.0, 4.0, 8.0, 16.0), 1e-5
 #: Longest repetition of a motion that has left the chaos, and its error as a share of the ranges.
 _LONGEST, _REPEATS = 64, 1e-7
 #: Least number of motions that leave; the repetitions among which they pass the orbit, before they
@@ -45,64 +45,64 @@ class Chaos(NamedTuple):
     first: float  # value of the axis back to which motions may be run
     next: float  # value of the axis at which the chaos has ended
 
-    def at(self, place: float) -> np.ndarray:
-        """Return the points at a place before the last value, in steps; not beyond the ends."""
+    def at(self, distance: float) -> np.ndarray:
+        """Return the points at a distance before the last value, in steps; not beyond the ends."""
         points, (low, high) = self.points.copy(), sorted((self.first, self.next))
-        points[self.axis] -= place * (self.next - points[self.axis])
+        points[self.axis] -= distance * (self.next - points[self.axis])
         points[self.axis] = points[self.axis].clip(low, high)
         return points
 
-    def run(self, place: float, sections: int) -> tuple[np.ndarray, np.ndarray]:
-        """Return states of motions at a place, (n, sections, 2), and m of those that left, or 0."""
-        states, _ = run_on(self.spec, self.at(place), sections)
+    def run(self, distance: float, sections: int) -> tuple[np.ndarray, np.ndarray]:
+        """Return states of motions, shape (n, sections, 2), and m of those that left, or 0."""
+        states, _ = run_on(self.spec, self.at(distance), sections)
         turns = np.arange(1, _LONGEST + 1)
         error = _REPEATS * np.ptp(states[:, ::10], axis=(0, 1))
         once, twice = (states[:, -1 - k * turns] - states[:, -1:] for k in (1, 2))
         repeats = (np.maximum(np.abs(once), np.abs(twice)) < error).all(axis=2)
         return states, np.where(repeats.any(axis=1), turns[repeats.argmax(axis=1)], 0)
 
-    def stays(self, place: float, sections: int) -> bool:
-        """Whether all motions stay in the chaos at a place."""
-        return not self.run(place, sections)[1].any()
+    def stays(self, distance: float, sections: int) -> bool:
+        """Whether all motions stay in the chaos at a distance."""
+        return not self.run(distance, sections)[1].any()
 
-    def orbit(self, place: float, state: np.ndarray, m: int) -> PeriodicOrbit | None:
-        """Return the orbit near a state at a place, or None."""
-        osc = oscillator_of(self.at(place)[0])
+    def orbit(self, distance: float, state: np.ndarray, m: int) -> PeriodicOrbit | None:
+        """Return the orbit near a state at a distance, or None."""
+        osc = oscillator_of(self.at(distance)[0])
         try:
             return periodic_orbit(osc, min(state[0], osc.clearance), state[1], m, self.spec.phase)
         except OrbitError:
             return None
 
-    def left(self, place: float, kept: float, sections: int) -> list[tuple[np.ndarray, int]]:
-        """Return the motions that leave at a place, and their m, if this orbit was there before."""
-        states, periods = self.run(place, sections)
+    def escapes(self, after: float, before: float, sections: int) -> list[tuple[np.ndarray, int]]:
+        """Return motions that leave after the crisis, and m, if their orbit was there before."""
+        states, periods = self.run(after, sections)
         gone = np.flatnonzero(periods)
-        for at in (place, kept) if gone.size else ():
-            orbit = self.orbit(at, states[gone[0], -1], int(periods[gone[0]]))
+        for distance in (after, before) if gone.size else ():
+            orbit = self.orbit(distance, states[gone[0], -1], int(periods[gone[0]]))
             if orbit is None or not orbit.stable:
                 return []
         return [(states[i], int(periods[i])) for i in gone]
 
 
 def crisis(chaos: Chaos, report: Callable[[float], object] = lambda share: None) -> str:
-    """Return the class of the orbit that an attractor touches as it ends; empty if none is seen."""
-    gone, last = -1.0, chaos.points[chaos.axis][0]
+    """Return the class of the orbit that an attractor touches as it ends; empty if none is."""
+    after, last = -1.0, chaos.points[chaos.axis][0]
     room = (last - chaos.first) / (chaos.next - last)
-    places = (place for place in _PLACES if place <= room)
-    kept = next((place for place in places if chaos.stays(place, _FIRST)), None)
-    if kept is None or not chaos.left(gone, kept, _FIRST):
+    distances = (distance for distance in _DISTANCES if distance <= room)
+    before = next((distance for distance in distances if chaos.stays(distance, _FIRST)), None)
+    if before is None or not chaos.escapes(after, before, _FIRST):
         return ""
-    while kept - gone > _WIDTH:
+    while before - after > _WIDTH:
         report(0.0)
-        middle = 0.5 * (kept + gone)
+        middle = 0.5 * (before + after)
         stay = chaos.stays(middle, _FIRST) and chaos.stays(middle, _ALL)  # most leave at once
-        kept, gone = (middle, gone) if stay else (kept, middle)
-    motions = chaos.left(gone, kept, _LONG)
-    touched = {_passed(chaos, gone, path, m) for path, m in motions}
-    return touched.pop() if len(touched) == 1 and len(motions) >= _LEAST else ""
+        before, after = (middle, after) if stay else (before, middle)
+    motions = chaos.escapes(after, before, _LONG)
+    orbits = {_orbit_passed(chaos, after, path, m) for path, m in motions}
+    return orbits.pop() if len(orbits) == 1 and len(motions) >= _LEAST else ""
 
 
-def _passed(chaos: Chaos, place: float, path: np.ndarray, m: int) -> str:
+def _orbit_passed(chaos: Chaos, distance: float, path: np.ndarray, m: int) -> str:
     """Return the class of the unstable orbit that a motion passes before it repeats itself."""
     scale = np.ptp(path, axis=0)
     misses = np.abs((path[m:] - path[:-m]) / scale).max(axis=1)
@@ -111,7 +111,7 @@ def _passed(chaos: Chaos, place: float, path: np.ndarray, m: int) -> str:
     if begin == last:
         return ""
     state = path[begin + int(misses[begin:last].argmin())]
-    orbit = chaos.orbit(place, state, m)
+    orbit = chaos.orbit(distance, state, m)
     if orbit is None or orbit.stable:
         return ""
     away = np.abs((orbit.sections(chaos.spec.phase) - state) / scale).max(axis=1).min()

@@ -31,7 +31,7 @@ from vibroimpact.orbits.periodic import OrbitError
 from vibroimpact.points.regimes import Regime
 
 #: Shares of the work, measured, that are done when the branches are found, and are smooth lines.
-_FOUND, _SMOOTH = 0.5, 0.9
+_SEARCH, _SMOOTH = 0.5, 0.9
 #: Most forcing periods of an orbit that is followed, and most branches that are followed.
 LONGEST_ORBIT, MOST_BRANCHES = 8, 60
 #: Most classes that the summary names.
@@ -166,11 +166,11 @@ def _seeds(lines: Sequence[np.ndarray]) -> list[tuple[np.void, int]]:
                 runs.append((mq, line[begin + length // 2], length))
                 points[mq] += length
             begin += length
-    seen: Counter[tuple[int, int]] = Counter()
+    counts: Counter[tuple[int, int]] = Counter()
     ordered = []
     for mq, motion, length in sorted(runs, key=lambda run: -run[2]):
-        ordered.append((seen[mq], -points[mq], (motion, length)))
-        seen[mq] += 1
+        ordered.append((counts[mq], -points[mq], (motion, length)))
+        counts[mq] += 1
     return [run for *_, run in sorted(ordered, key=lambda item: item[:2])]
 
 
@@ -182,22 +182,22 @@ def _as_dataset(
 ) -> xr.Dataset:
     """Collect the branches found as the Dataset that `branches` returns."""
     items = _smooth(tree, phase, report)
-    parts: list[Orbits] = []
+    groups: list[Orbits] = []
     stable, critical = [np.zeros(0, bool)], list[str]()
     for item in items:
-        parts += [item.orbits, *(point.orbit.alone for point in item.special)]
+        groups += [item.orbits, *(point.orbit.alone for point in item.special)]
         stable += [item.stable, np.zeros(len(item.special), bool)]
         critical += [""] * len(item.values) + [point.orbit.criticality for point in item.special]
     records, multipliers = [], [np.empty((0, 2), complex)]
-    for number, part in enumerate(parts):
-        report(_SMOOTH + (1.0 - _SMOOTH) * number / len(parts))
-        records.append(orbit_coordinates(part, phase))
-        multipliers.append(part.multipliers)
+    for number, group in enumerate(groups):
+        report(_SMOOTH + (1.0 - _SMOOTH) * number / len(groups))
+        records.append(orbit_coordinates(group, phase))
+        multipliers.append(group.multipliers)
     rows = with_special_points(items, "branch", "kind", (tree.parameter,))
     at_end = ~np.isin(rows["kind"].values, ["", *CURVE_KINDS])  # not at a bifurcation
     within = (np.abs(np.concatenate(multipliers)) < 1.0).all(axis=1)
-    sizes = np.array([len(part.points) for part in parts], int)
-    m, q = np.array([(part.m, part.phases.shape[1]) for part in parts], int).reshape(-1, 2).T
+    sizes = np.array([len(group.points) for group in groups], int)
+    m, q = np.array([(group.m, group.phases.shape[1]) for group in groups], int).reshape(-1, 2).T
     data: dict[str, Any] = {
         "m": ("point", np.repeat(m, sizes)),
         "q": ("point", np.repeat(q, sizes)),
@@ -218,24 +218,24 @@ def _as_dataset(
 def _smooth(tree: BranchSet, phase: float, report: Callable[[float], object]) -> list[Branch]:
     """Add points to the branches until a picture of any coordinate shows smooth lines."""
 
-    def shown(orbits: Orbits) -> list[np.ndarray]:
+    def ordinates(orbits: Orbits) -> list[np.ndarray]:
         values = orbit_coordinates(orbits, phase)
         values["impact_phase"] = values["impact_phase"] % (2.0 * np.pi)
         return list(values.values())
 
-    records = zip(*(shown(item.orbits) for item in tree.branches), strict=True)
+    records = zip(*(ordinates(item.orbits) for item in tree.branches), strict=True)
     columns = [np.concatenate([values.ravel() for values in record]) for record in records]
     # Where nothing meets the stop, no orbit has an impact.
     extents = [(float(np.ptp(column)) if column.size else 0.0) or 1.0 for column in columns]
 
-    def drawn(orbits: Orbits) -> np.ndarray:
-        pairs = zip(shown(orbits), extents, strict=True)
+    def scaled(orbits: Orbits) -> np.ndarray:
+        pairs = zip(ordinates(orbits), extents, strict=True)
         return np.concatenate([y / extent for y, extent in pairs], axis=1)
 
     items = []
     for number, item in enumerate(tree.branches):
-        report(_FOUND + (_SMOOTH - _FOUND) * number / len(tree.branches))
-        items.append(with_short_chords(item, tree.low, tree.high, drawn, CHORD_TOLERANCE))
+        report(_SEARCH + (_SMOOTH - _SEARCH) * number / len(tree.branches))
+        items.append(with_short_chords(item, tree.low, tree.high, scaled, CHORD_TOLERANCE))
     return items
 
 

@@ -73,7 +73,7 @@ class CurveSearch:
         self._motions, self._axes, self._values, self._phase = motions, axes, values, phase
         self._chosen, self._kinds = chosen, kinds
         periodic = motions["regime"] == Regime.PERIODIC
-        self._classes = np.stack([np.where(periodic, motions[one], 0) for one in "mq"], axis=2)
+        self._classes = np.stack([np.where(periodic, motions[name], 0) for name in "mq"], axis=2)
         self._cells = cells_of_change(self._classes, self._motions["regime"])
         sides = (self._classes[i, j].tolist() for i, j in self._cells.transpose(1, 2, 0))
         #: The two classes of each change, and which changes have a curve.
@@ -84,14 +84,14 @@ class CurveSearch:
         #: The changes that are counted, and from which curves are sought.
         self.counted = np.array(of_chosen, bool)
 
-    def _is_asked(self, kind: str, mq: tuple[int, int]) -> bool:
+    def _is_requested(self, kind: str, mq: tuple[int, int]) -> bool:
         """Whether a curve of a kind and of a class is asked for."""
         return kind in self._kinds and (not self._chosen or mq in self._chosen)
 
     def _may_border(self, mq: tuple[int, int]) -> bool:
         """Whether a curve that is asked for may border a region of a class."""
         return any(
-            not self._chosen or any(mq in separated(kind, *own) for own in self._chosen)
+            not self._chosen or any(mq in separated(kind, *each) for each in self._chosen)
             for kind in self._kinds
         )
 
@@ -142,7 +142,7 @@ class CurveSearch:
                 point = self._special_point(cell, axis, end)
             except OrbitError:
                 continue
-            if self._is_asked(point.kind, (point.orbit.m, point.orbit.q)):
+            if self._is_requested(point.kind, (point.orbit.m, point.orbit.q)):
                 yield point
 
     def _is_on_curve(self, point: SpecialPoint, axis: int, cell: np.ndarray) -> bool:
@@ -157,8 +157,8 @@ class CurveSearch:
 
     def _next(self, reasons: Container[int]) -> int | None:
         """Return the next change to search from: of the most frequent pair, the middle one."""
-        left = np.flatnonzero(self.counted & ~self.explained).tolist()
-        pairs = {i: self.names[i] for i in left if i not in reasons}
+        missing = np.flatnonzero(self.counted & ~self.explained).tolist()
+        pairs = {i: self.names[i] for i in missing if i not in reasons}
         if not pairs:
             return None
         ((most, count),) = Counter(pairs.values()).most_common(1)
@@ -173,25 +173,25 @@ class CurveSearch:
         """Return the bifurcation at a change, sought from both sides; OrbitError has the reason."""
         axis = int(np.flatnonzero(cells[0] != cells[1])[0])
         values = self._values[axis]
-        ends = values[cells[:, axis]]
+        cell_values = values[cells[:, axis]]
         beyond = cells[:, axis] + np.array([-_CELLS, _CELLS])
         low, high = np.interp(beyond, np.arange(len(values)), values)
         points: list[SpecialPoint] = []
         reason = "both motions are stable on both sides, and the start decides"
-        for cell, end in zip(cells, (high, low), strict=True):
+        for cell, limit in zip(cells, (high, low), strict=True):
             try:
-                points.append(self._special_point(cell, axis, end))
+                points.append(self._special_point(cell, axis, limit))
             except OrbitError as error:
                 reason = str(error)
         bifurcations = [point for point in points if point.kind in CURVE_KINDS]
-        asked = [p for p in bifurcations if self._is_asked(p.kind, (p.orbit.m, p.orbit.q))]
-        if asked:
-            middle = 0.5 * (ends[0] + ends[1])
-            return min(asked, key=lambda point: abs(point.value - middle))
+        requested = [p for p in bifurcations if self._is_requested(p.kind, (p.orbit.m, p.orbit.q))]
+        if requested:
+            middle = 0.5 * (cell_values[0] + cell_values[1])
+            return min(requested, key=lambda point: abs(point.value - middle))
         if bifurcations:
             raise _UnaskedError("the curve there is of a class or kind that was not asked for")
-        ends_so = [point.kind for point in points if point.kind != "edge"]
-        raise OrbitError(f"a branch ends there: {ends_so[0]}" if ends_so else reason)
+        kinds = [point.kind for point in points if point.kind != "edge"]
+        raise OrbitError(f"a branch ends there: {kinds[0]}" if kinds else reason)
 
     def _follow(self, point: SpecialPoint) -> None:
         """Follow a bifurcation in both parameters, and mark the changes that its curve explains."""

@@ -154,7 +154,7 @@ def test_just_beyond_its_flip_an_attractor_is_the_orbit_of_twice_the_period(comp
     motions = _Attractors(OpenedSweep(dataset), found)
     states = np.repeat(motions.orbits[0].sections(0.0)[:1], 6, axis=0)
     states[:, 1] += [0.0, 1e-7, -1e-5, -7.2e-5, -1e-4, 1e-3]
-    assert motions._reached(0.0, states)[0].tolist() == [0] * 6
+    assert motions._destinations(0.0, states)[0].tolist() == [0] * 6
 
 
 def test_what_is_on_no_attractor_or_does_not_repeat():

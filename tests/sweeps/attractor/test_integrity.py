@@ -188,7 +188,7 @@ def test_a_boundary_that_rounding_decides_is_fractal(dataset, all_knocks, monkey
         reached = np.where(np.abs(states[:, 1] - v) > 0.3, chance.integers(0, 2, count), 0)
         return reached, np.ones(count, bool)
 
-    monkeypatch.setattr("sweeps.attractor.knocks._Attractors._reached", ends)
+    monkeypatch.setattr("sweeps.attractor.knocks._Attractors._destinations", ends)
     starts = dataset.isel(omega=0)
     found = knocks(starts, attractors(starts).isel(coexisting=[0]))
     assert abs(found["knock_harmful"].item()) == pytest.approx(0.3, rel=1e-4)
@@ -209,7 +209,7 @@ def test_an_island_of_the_promised_size_is_found(dataset, all_knocks, monkeypatc
         island = (np.abs(away - np.pi) <= 0.51 * width) & (np.abs(size - middle) <= height / 2)
         return np.where((size > 3.01) | island, 1, 0), np.ones(len(states), bool)
 
-    monkeypatch.setattr("sweeps.attractor.knocks._Attractors._reached", ends)
+    monkeypatch.setattr("sweeps.attractor.knocks._Attractors._destinations", ends)
     starts = dataset.isel(omega=0)
     found = knocks(starts, attractors(starts).isel(coexisting=[0]))
     assert abs(found["knock_harmful"].item()) == pytest.approx(middle - height / 2)
@@ -225,7 +225,7 @@ def test_a_knock_is_tried_just_after_the_impact(dataset, monkeypatch):
         harmful = np.abs(states[:, 1] - v) > (0.5 if after else 3.01)
         return np.where(harmful, 0, 1), np.ones(len(states), bool)
 
-    monkeypatch.setattr("sweeps.attractor.knocks._Attractors._reached", ends)
+    monkeypatch.setattr("sweeps.attractor.knocks._Attractors._destinations", ends)
     starts = dataset.isel(omega=0)
     found = knocks(starts, attractors(starts).isel(coexisting=[1]))
     assert abs(found["knock_harmful"].item()) == pytest.approx(0.5)
