@@ -150,7 +150,7 @@ def _propagate(lanes, size, added, phase_step, n, watching):
         )
         if watching:
             beyond = max(guard - lanes[MOST + i], lanes[LEAST + i] - floor)
-            guard = select(guard < 0.0, beyond, _MEETS)
+            guard = select(guard < 0.0, min(beyond, lanes[WATCHED + i]), _MEETS)
         lanes[GUARD + i] = guard
         lanes[Y + new_row + i], lanes[W + new_row + i] = y, w
 
@@ -160,8 +160,8 @@ def propagate_lanes(lanes, size, added, phase_step, n, watching):
     """Take the first lanes over step `n`; a GUARD below 0 proves that there was no impact.
 
     A lane at rest has y = w = 0, so its GUARD is not negative, and it is listed at every step. If
-    `watching`, that of a lane that may have met the stop is ``_MEETS``; that of any other is the
-    distance by which its step may go beyond its reach, negative if it does not.
+    `watching`, that of a lane that may have met the stop is ``_MEETS``; that of any other is not
+    negative if it is watched and its step may go beyond its reach.
     """
     widest_vectors()
     if watching is not None and watching:
@@ -278,8 +278,7 @@ def list_awake(workspace, size, grid, n, watching):
     for j in range(list_lanes(lanes, GUARD, met, size)):
         i = met[j] & (LANES - 1)
         if watching is not None and watching and lanes[GUARD + i] < _MEETS:
-            if lanes[WATCHED + i] > 0.0:
-                widen_by_lane(workspace, i, grid, n)
+            widen_by_lane(workspace, i, grid, n)
         elif sleeps_until(lanes, i, theta):
             lanes[Y + new_row + i] = lanes[W + new_row + i] = 0.0
             lanes[SLEPT + i] += 1.0

@@ -104,8 +104,8 @@ def find_watched(lanes, size):
     for i in range(whole_vectors(size)):
         steady, y, w = steady_in(lanes, i), lanes[Y + i], lanes[W + i]
         settled = stays_within(steady, y, w, (lanes[LEAST + i], lanes[MOST + i]))
-        near, done = is_near(steady, y, w), settled | (lanes[WATCHED + i] < 0.0)
-        lanes[WATCHED + i] = select(done, -1.0, select(near, 0.0, 1.0))
+        near, done = is_near(steady, y, w), settled | (lanes[WATCHED + i] == -1.0)
+        lanes[WATCHED + i] = select(done, -1.0, select(near, -0.5, 1.0))
         lanes[GUARD + i] = select(near & (not done), 1.0, -1.0)
 
 

@@ -78,7 +78,7 @@ MARK_PERIOD = _rows.take()
 # For the extremes.
 LEAST, MOST = _rows.take(), _rows.take()  #: The reach of the motion, see ``turning_points.py``.
 THIRD = _rows.take()  #: A third of the step T.
-#: Positive if the steps of this period may widen the reach, negative if nothing ever will.
+#: Positive if the steps of this period may widen the reach, -1 if nothing ever will.
 WATCHED = _rows.take()
 STEADY = _rows.take(7)  #: The ``Steady`` of the point.
 FORMS = _rows.take(4)  #: Its ``turns_near``; the first is 0 until they are needed.

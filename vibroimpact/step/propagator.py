@@ -289,7 +289,8 @@ def stays_within(steady, y, w, reach):
     it is free; and it is free if its reach includes the free oscillation and this distance.
     """
     room = min(steady.low - reach[0], reach[1] - steady.high) - steady.rounding
-    return room > abs(y - steady.y) + steady.ratio * abs(w - steady.w)
+    off, rate = y - steady.y, steady.ratio * (w - steady.w)
+    return (room > 0.0) & (room * room > fma(off, off, rate * rate))
 
 
 @jit
