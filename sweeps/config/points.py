@@ -8,7 +8,6 @@ import os
 import re
 import stat
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import suppress
 from functools import partial
 from itertools import chain
 from pathlib import Path
@@ -125,10 +124,7 @@ def _read_csv(
         parameters = check_names(names)
         rows = [*_rows(file, names)]
     table = np.array(rows, object).reshape(-1, len(names))
-    return {
-        name: _numbers_in(cells) if name in parameters else cells
-        for name, cells in zip(names, table.T, strict=True)
-    }, parameters
+    return dict(zip(names, table.T, strict=True)), parameters
 
 
 def header_of(file: TextIO) -> list[str]:
@@ -168,16 +164,6 @@ def _rows(file: TextIO, names: list[str]) -> Iterator[list[str]]:
     except csv.Error:
         most = csv.field_size_limit()
         raise ValueError(f"a cell with a quote has more than {most:,} characters") from None
-
-
-def _numbers_in(cells: np.ndarray) -> np.ndarray:
-    """Return cells as numbers if all are finite ones, as ``number_meant`` reads them."""
-    text = "".join(cells)
-    if text.isascii() and "_" not in text:
-        with suppress(ValueError):
-            numbers = cells.astype(float)
-            return numbers if np.isfinite(numbers).all() else cells
-    return cells
 
 
 def _columns(

@@ -17,8 +17,6 @@ from sweeps.store.schema import differing_keys
 from sweeps.store.variables import FLAGS, VARIABLES
 from sweeps.text import listed, shown_count, told_apart
 
-#: Most values of a variable of each sweep in memory.
-_VALUES_COMPARED = 1_000_000
 #: The dimension of the only record whose width follows from the motions.
 _SAMPLE = "sample"
 
@@ -115,7 +113,7 @@ def _chunks_of(
     width = math.prod(variables[0].shape[len(axes) :])
     chunks = (
         (cut["first"].values.ravel(), cut["second"].values.ravel(), points.start)
-        for cut, points in in_chunks(joint, _VALUES_COMPARED // max(1, width))
+        for cut, points in in_chunks(joint, width)
     )
     return variables[0].sizes, width, chunks
 

@@ -22,8 +22,8 @@ from vibroimpact.step.scheme import MOST_PERIODS
 if TYPE_CHECKING:
     from vibroimpact.orbits.orbit import Orbits
 
-#: Number of section states read at a time.
-_STATES_READ = 500_000
+#: Most values of a variable that are read at a time.
+_VALUES_READ = 500_000
 
 _Values = TypeVar("_Values", xr.DataArray, np.ndarray)
 
@@ -88,7 +88,7 @@ def records(sweep: OpenedSweep, name: str, at: np.ndarray) -> np.ndarray:
     """Return a coordinate at points given in C order, shape (k, record), reading in chunks."""
     width = sweep.sizes[ORDINATES[name].dimension]
     result = np.empty((len(at), width))
-    for chunk, cut in in_chunks(sweep.data, _STATES_READ // width):
+    for chunk, cut in in_chunks(sweep.data, width):
         rows = np.flatnonzero((at >= cut.start) & (at < cut.stop))
         if len(rows):
             values = coordinate_in(chunk, name).values.reshape(-1, width)
@@ -96,11 +96,11 @@ def records(sweep: OpenedSweep, name: str, at: np.ndarray) -> np.ndarray:
     return result
 
 
-def in_chunks(dataset: xr.Dataset, size: int) -> Iterator[tuple[xr.Dataset, slice]]:
-    """Yield chunks of at most `size` points (at least 1), each with its slice of all in C order."""
+def in_chunks(dataset: xr.Dataset, width: int) -> Iterator[tuple[xr.Dataset, slice]]:
+    """Yield chunks of points with `width` values each, with the slice of all points in C order."""
     sizes, stop = dataset["status"].sizes, 0
     grid = Grid({str(name): np.empty(length) for name, length in sizes.items()}, {})
-    for block in grid.blocks(max(1, size)):
+    for block in grid.blocks(max(1, _VALUES_READ // max(1, width))):
         start, stop = stop, stop + block_points(block)
         yield dataset.isel(dict(zip(sizes, block, strict=True))), slice(start, stop)
 

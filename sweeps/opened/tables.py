@@ -65,8 +65,6 @@ def curve_table(curves: xr.Dataset) -> pd.DataFrame:
     return pd.DataFrame({name: curves[name].values for name in names})
 
 
-#: Number of rows in memory at a time while a table is written.
-_CHUNK_ROWS = 200_000
 #: What a table can have a row for, with the record dimension of its rows; None for points.
 ROWS: Mapping[str, str | None] = {"points": None, "sections": "section", "impacts": "impact"}
 
@@ -108,8 +106,8 @@ def write_rows(sweep: OpenedSweep, path: Path, rows: str) -> int:
     """
     refuse_points(sweep.whole.columns, path)
     data = _scalars(sweep) if ROWS[rows] is None else _records(sweep, rows)
-    size = _CHUNK_ROWS // (data.sizes[ROWS[rows]] if ROWS[rows] else 1)
-    chunks = (_frame(sweep.with_data(chunk), ROWS[rows]) for chunk, _ in in_chunks(data, size))
+    width = len(data.data_vars) if ROWS[rows] is None else data.sizes[ROWS[rows]]
+    chunks = (_frame(sweep.with_data(chunk), ROWS[rows]) for chunk, _ in in_chunks(data, width))
     return write_csv(path, chunks)
 
 

@@ -96,15 +96,13 @@ def cell_edges(values: np.ndarray, log: bool) -> np.ndarray:
     return np.exp(edges) if log else edges
 
 
-#: Number of values read at a time.
-_CHUNK = 1_000_000
 _SCALE_OF_SHARES = LogNorm(style.LEAST_SHARE, 1.0, clip=True)
 
 
 def computed_chunks(line: OpenedSweep, coordinate: str) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-    """Yield indices (k,) of computed points of a line and their values (k, record), in parts."""
+    """Yield indices (k,) of computed points of a line and their values (k, record), in chunks."""
     computed = has_result(line["status"].values)
-    for chunk, cut in in_chunks(line.data, _CHUNK // line.sizes[ORDINATES[coordinate].dimension]):
+    for chunk, cut in in_chunks(line.data, line.sizes[ORDINATES[coordinate].dimension]):
         indices = np.flatnonzero(computed[cut])
         if len(indices):
             yield cut.start + indices, coordinate_in(chunk, coordinate).values[indices]

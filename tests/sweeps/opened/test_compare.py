@@ -82,7 +82,7 @@ def test_parts_are_counted_together(changed, monkeypatch):
     whole = call("compare", "small.h5", name).stdout
     assert "differs at 3 of 10 points (3 of 40 values), first at omega = 1.5, cl" in whole
     for most in (1, 9, 17):
-        monkeypatch.setattr("sweeps.opened.comparison._VALUES_COMPARED", most)
+        monkeypatch.setattr("sweeps.opened.coordinates._VALUES_READ", most)
         assert call("compare", "small.h5", name).stdout == whole
 
 

@@ -70,7 +70,7 @@ def test_every_scalar_comes_back_to_the_last_bit(path, monkeypatch):
     periodic = [row for row in rows if "/" in row["class"]]
     assert len(periodic) == told["settled on m/q"] + told["on its way to m/q"] > 0
     assert all(row["class"] == f"{row['period']}/{row['period_impacts']}" for row in periodic)
-    monkeypatch.setattr("sweeps.opened.tables._PART", 3)
+    monkeypatch.setattr("sweeps.opened.coordinates._VALUES_READ", 3)
     exported(path, "parts.csv")
     assert Path("parts.csv").read_bytes() == Path("points.csv").read_bytes()
 
@@ -93,7 +93,7 @@ def test_every_record_comes_back_to_the_last_bit(path, monkeypatch, rows, dimens
     held = zip(frame.index, frame.values, strict=True)
     expected = [[*map(float, at), *values] for at, values in held]
     assert [[float(cell) for cell in row.values()] for row in table] == expected
-    monkeypatch.setattr("sweeps.opened.tables._PART", 30)
+    monkeypatch.setattr("sweeps.opened.coordinates._VALUES_READ", 30)
     exported(path, "parts.csv", "--rows", rows)
     assert Path("parts.csv").read_bytes() == Path("rows.csv").read_bytes()
 
