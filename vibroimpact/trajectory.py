@@ -188,10 +188,7 @@ def simulate(
 
 
 def _rests(kind: np.ndarray, t: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """Return the start and end of each rest, from the rows of rests and releases.
-
-    A rest that ends where it begins, to rounding, is none.
-    """
+    """Return the start and end of each rest that is longer than rounding, from its rows."""
     begin, end = t[kind == REST], t[kind == RELEASE]
     if len(end) < len(begin):
         pt = points.view(np.recarray)[0]

@@ -81,10 +81,7 @@ def starts_at(sweep: OpenedSweep, at: Selection) -> OpenedSweep:
 
 
 def attractor_rows(sweep: OpenedSweep, result: xr.Dataset) -> list[AttractorRow]:
-    """List the attractors in a result, by parameter point, most frequent first.
-
-    It is the result of `sweeps.attractors`, `sweeps.integrity` or `sweeps.knocks` for the dataset.
-    """
+    """List the attractors in the result of an analysis, by parameter point, most frequent first."""
     axes = [str(name) for name in result["attractors"].dims]
     columns = result[[name for name in result if "coexisting" in result[name].dims]]
     frame = columns.to_dataframe(dim_order=[*axes, "coexisting"])[list(columns)]

@@ -258,10 +258,7 @@ def _row_of(state: np.ndarray, speeds: np.ndarray, multipliers: np.ndarray) -> d
 def _of_branches(
     exact: xr.Dataset, values: np.ndarray, listed: Sequence[Mapping[str, Any]]
 ) -> list[dict[str, Any]]:
-    """Return rows for the bifurcations of `branches` that are not listed, each once.
-
-    `values` are those of the axis, in increasing order.
-    """
+    """Return rows for the bifurcations of `branches` that are not listed, each once."""
     rows = list[dict[str, Any]]()
     columns = ("poincare_x", "poincare_v", "impact_v", "multipliers")
     x, v, speeds, multipliers = (exact[name].values for name in columns)

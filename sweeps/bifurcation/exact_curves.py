@@ -101,10 +101,7 @@ class CurveSearch:
         return [curve for curve, _ in self._lines]
 
     def run(self, report: Callable[[float], object]) -> dict[int, str]:
-        """Search from the large tongues, and then from every change that no curve explains yet.
-
-        Returns the reason for each change from which no curve was found.
-        """
+        """Search from the large tongues, then from changes; return why some have no curve."""
         for cell, axis in middles_of_regions(self._classes):
             if not self._may_border(tuple(self._classes[*cell].tolist())):
                 continue

@@ -102,10 +102,7 @@ class _Animation(FuncAnimation):
 
 
 class _Film(canvas.Picture):
-    """A figure of a motion up to the time of a frame; what never changes is painted once.
-
-    Its panels are the mass, x over t, and the phase plane beside or below them.
-    """
+    """A figure of a motion up to the time of a frame; what never changes is painted once."""
 
     def __init__(self, page: Page) -> None:
         """Make a figure without frames."""

@@ -198,10 +198,7 @@ def _draw_profile(
     table: Sequence[AttractorRow],
     looks: Looks,
 ) -> list[list[tuple[str, np.ndarray]]]:
-    """Draw the measures of each attractor over the axis, in the colours of its classes.
-
-    Return for each panel the classes and the points of each line, shape (n, 2).
-    """
+    """Draw the measures of attractors; return the classes and the points of the lines per panel."""
     lines = list[list[tuple[str, np.ndarray]]]()
     for name, panel in panels.items():
         at_edge, title = _MEASURES[name]

@@ -79,10 +79,7 @@ def marker_size(x: np.ndarray, y: np.ndarray, least: float, most: float) -> floa
 def draw_stop(
     draw_line: Callable[..., object], clearance: float, about: xr.DataArray | None = None
 ) -> None:
-    """Draw the mechanical stop with a panel's `axhline` or `axvline`.
-
-    The attributes of the clearance, `about`, put the stop into the legend.
-    """
+    """Draw the stop with a panel's `axhline` or `axvline`; `about` puts it into the legend."""
     refuse_too_large("clearance", clearance)
     text = None if about is None else f"stop, {equation(f'x={about.symbol}', about, clearance)}"
     draw_line(clearance, color=ink(), linewidth=0.8, linestyle="--", label=text)

@@ -109,10 +109,7 @@ def computed_chunks(line: OpenedSweep, coordinate: str) -> Iterator[tuple[np.nda
 
 
 def value_ranges(lines: Sequence[OpenedSweep], coordinate: str) -> np.ndarray:
-    """Return the least and the greatest value of a coordinate at each point, NaN without values.
-
-    The points are those of each of the lines, the shape of the result is (n, 2).
-    """
+    """Return the least and the greatest value at each point of lines, (n, 2); NaN for none."""
     ranges = np.full((lines[0]["status"].size, 2), np.nan)
     for line in lines:
         for points, values in computed_chunks(line, coordinate):

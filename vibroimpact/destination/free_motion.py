@@ -43,11 +43,7 @@ def excess(pt, x, v, steady):
 
 @jit
 def stays_free(flow, x, v, steady):
-    """Whether a motion from a section has no impact any more.
-
-    It is followed, and periods are skipped whose phases show that it has none. A motion that rests
-    at the section is not free yet.
-    """
+    """Whether a motion from a section has no impact any more; one that rests is not free yet."""
     pt = flow.pt
     if not steady[2] < pt.clearance * (1.0 - _MARGIN):
         return False
@@ -131,10 +127,7 @@ def quiet_periods(pt, x, v, steady, cells, stack):
 
 @jit
 def widest_angle(pt, amplitude, frequency, level, steady, cells):
-    """Return a bound of the angles of the deviation with which a maximum leads to a level.
-
-    It is negative if none does. The half period after the maximum is divided into cells.
-    """
+    """Return a bound of the angles with which a maximum leads to a level; negative if none does."""
     widest, width = -1.0, math.pi / (pt.omega * cells)
     growth = math.exp(pt.h * width)
     for j in range(cells):

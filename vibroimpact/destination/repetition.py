@@ -112,10 +112,7 @@ def repetition(sections, size):
 
 @jit
 def last_return(sections):
-    """Return how many periods before the last section the motion was there to the same bits, or 0.
-
-    At most ``LONGEST_PERIOD`` are looked back.
-    """
+    """Return how many periods before its last section a motion had the same bits, or 0."""
     last = sections.shape[0] - 1
     x, v = sections[last, 0], sections[last, 1]
     for k in range(1, min(LONGEST_PERIOD, last) + 1):

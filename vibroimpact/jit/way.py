@@ -95,10 +95,7 @@ def _fastest(lacking: str) -> Way:
 
 
 def _why_it_fails(name: str) -> str:
-    """Return why a way fails in a process of its own, or an empty text.
-
-    The first process compiles and stores the code, the second one loads it.
-    """
+    """Return why a way fails in a process of its own, or an empty text."""
     program = "from vibroimpact.jit.trial import run_trial; run_trial()"
     with tempfile.TemporaryDirectory() as folder:
         environment = os.environ | {

@@ -290,10 +290,7 @@ def correct_stepped_lanes(batch, lo, count, left, integrator, grid, n, turning):
 
 @jit
 def resolve_stepped_lane(batch, i, method, grid, n, span, turning):
-    """Take lane `i` over `span` steps from step `n` with every impact in them.
-
-    With the rule ``plain`` its impacts are already recorded.
-    """
+    """Take lane `i` over `span` steps from step `n`; impacts of ``plain`` are already recorded."""
     workspace, record, _ = batch
     lanes, scratch = workspace.lanes, workspace.scratch
     pt, sums = workspace.points[i], workspace.sums[i]

@@ -47,10 +47,7 @@ def normalise(tangent, sums):
 
 @jit
 def judge_tangents(lanes, size, row):
-    """Find tangent vectors that would soon be too short or too long.
-
-    The GUARD of a lane with such a vector is not negative.
-    """
+    """Find tangent vectors that would soon be too short or long: their GUARD is not negative."""
     widest_vectors()
     for i in range(whole_vectors(size)):
         y, w = tangent_in(lanes, row + i, 2 * ROW)

@@ -128,10 +128,7 @@ _SHORTENED = (run_shortened, run_shortened_with_extremes), REDUCED_STEP_COLUMNS
 
 
 def run_on_threads(threads: int, job: KernelJob) -> None:
-    """Run every point, on `threads` threads or as many as have lanes.
-
-    To start a thread takes longer than a few lanes.
-    """
+    """Run every point, on `threads` threads or as many as have lanes."""
     loops, columns = _LOOPS.get(job.scheme.method[0], _SHORTENED)
     if job.lyapunov:
         loops = run_exact_with_exponents, run_exact_with_both

@@ -140,10 +140,7 @@ def turning_point(system: System, X: np.ndarray, i: int, phase: float) -> tuple[
 
 
 def turning_points(system: System, X: np.ndarray, i: int) -> np.ndarray:
-    """Return the phase and x - clearance of each turning point within flight i, shape (n, 2).
-
-    Newton's method finds them from starts that divide the natural or the forcing period.
-    """
+    """Return the phase and x - clearance of each turning point within flight i, shape (n, 2)."""
     pt, phases = parameters(system, X), unknowns.phases(X, system.q)
     begin, end = np.append(phases, phases[0] + 2.0 * math.pi * system.m)[i : i + 2]
     spacing = 2.0 * math.pi / _STARTS / max(1.0, pt.p / pt.omega)

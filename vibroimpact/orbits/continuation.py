@@ -64,10 +64,7 @@ _MOST_AT_END = 60
 
 
 def continue_branch(family: OrbitFamily, start: Point) -> Iterator[ArclengthStep]:
-    """Follow a path from a point along its tangent, until there are no more orbits.
-
-    Yield the steps; only the last may have length 0.
-    """
+    """Yield the steps of a path from a point along its tangent; only the last may have length 0."""
     here, length, way = start, _FIRST, 0.0  # the start may be where paths cross
     for number in range(MOST_POINTS):
         step, way = _step(family, here, length, way)

@@ -168,10 +168,7 @@ class OrbitFamily:
         return values
 
     def within(self, X: np.ndarray) -> np.ndarray:
-        """Return the free parameters at points of a path, which by rounding may be beyond an edge.
-
-        For example at a bifurcation at the edge.
-        """
+        """Return the free parameters at points of a path, which rounding may put beyond an edge."""
         edges = np.reshape([(axis.low, axis.high) for axis in self.parameters], (-1, 2))
         values: np.ndarray = self.kept(X).clip(*edges.T)
         return values

@@ -247,10 +247,7 @@ def _state_at(pt, theta, v, phase):
 
 @jit
 def find_turning_point(pt, X, i, phase):
-    """Return the phase and x - clearance of the turning point of flight i near a phase.
-
-    The other arguments are as for `residuals`.
-    """
+    """Return the phase and x - clearance of the turning point of flight i near a phase."""
     theta, v = X[phase_at(i)], X[speed_at(i)]
     longest = MOST_ORBIT_STEPS * LONGEST_STEP * pt.omega / (2.0 * pt.h + pt.p + pt.omega)
     for _ in range(_MOST_TO_TURN):
@@ -268,10 +265,7 @@ def find_turning_point(pt, X, i, phase):
 
 @jit
 def set_sections(pt, m, X, q, phase, states):
-    """Set x and v of an orbit at omega t = phase mod 2 pi, in time order, (2 m,).
-
-    The other arguments are as for `residuals`.
-    """
+    """Set x and v of an orbit at omega t = phase mod 2 pi, in time order, (2 m,)."""
     first = X[phase_at(0)]
     for j in range(m):
         at = phase % (2.0 * math.pi) + 2.0 * math.pi * j

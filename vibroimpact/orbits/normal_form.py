@@ -33,10 +33,7 @@ _SINGULAR_SHARE, _MOVED = 1e-4, 1e-12
 
 
 def cubic_coefficient(system: System, flips: np.ndarray) -> Any:
-    """Return a number with the sign of c, smooth along curves, for a flip or each row of flips.
-
-    It is NaN where c is not known.
-    """
+    """Return a number with the sign of c, smooth along curves, of each flip; NaN if not known."""
     X = np.atleast_2d(flips)
     values = np.full(len(X), np.nan)
     pt, here = calls.parameters(system, X), np.array(calls.linearised(system, X)[1:])

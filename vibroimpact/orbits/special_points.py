@@ -196,10 +196,7 @@ def _is_twice_its_half(family: OrbitFamily, X: np.ndarray) -> bool:
 
 
 def parents_flip(step: ArclengthStep) -> tuple[np.ndarray, PeriodicOrbit] | None:
-    """Return where in a step a branch meets the flip of its parent, of half its period; or None.
-
-    The result is the point of the step and the parent.
-    """
+    """Return where in a step a branch meets the flip of its parent, and the parent; or None."""
     family = step.family
     differences = [differences_of_halves(X, family.m, family.q) for X in (step.begin.X, step.end.X)]
     sizes = [float(np.abs(part).max(initial=0.0)) for part in differences]

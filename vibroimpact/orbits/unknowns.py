@@ -87,10 +87,7 @@ def unknowns(z: np.ndarray, parameters: np.ndarray) -> np.ndarray:
 
 
 def differences_of_halves(X: np.ndarray, m: int, q: int) -> np.ndarray:
-    """Return the difference of the second half of an orbit from the first, shape (q / 2, 2).
-
-    It is empty if the orbit has no halves.
-    """
+    """Return the difference of the halves of an orbit, shape (q / 2, 2); empty if it has none."""
     if m % 2 or q % 2:
         return np.empty((0, 2))
     z = impact_rows(X, q)
@@ -282,10 +279,7 @@ def _determinant(A, dA):
 
 @jit
 def characteristic_and_slopes(A, B, dA, dB):
-    """Return c0, c1, c2 as `characteristic_polynomial`, and their derivatives at a constant volume.
-
-    dA and dB are the derivatives of A and B.
-    """
+    """Return c0, c1, c2 and their derivatives at a constant volume, given those of A and B."""
     q, c0, s0, c2, s2 = A.shape[0], 1.0, 0.0, 1.0, 0.0
     V, diagonal = zero_rows(2 * q - 2, 4), filled(2 * q, 1.0)
     _factorise(_without_last(A, B), V, diagonal, filled(2 * q, 0.0), filled(2 * q - 2, 0.0))

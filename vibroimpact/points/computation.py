@@ -239,10 +239,7 @@ def classified_later(
 def _repeated(
     spec: RunSpec, points: np.ndarray, last: np.ndarray, m: np.ndarray, threads: int | None
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Count the impacts of motions over m periods from their `last` section on; say which rest.
-
-    The record may begin before the motion repeats.
-    """
+    """Count the impacts of motions over m periods from their `last` section on; say which rest."""
     counted, rests = np.zeros(points.size), np.zeros(points.size, bool)
     for repetition in np.unique(m).tolist():
         rows = np.flatnonzero(m == repetition)

@@ -168,10 +168,7 @@ def impacts_met(per_period: np.ndarray, periods: int) -> np.ndarray:
 
 
 def on_its_way(regimes: np.ndarray, distance: np.ndarray) -> np.ndarray:
-    """Return the mask of periodic motions that are not on their orbit yet.
-
-    `distance` is the ``orbit_distance`` of the motions, NaN for none.
-    """
+    """Return the mask of periodic motions not on their orbit yet, by their ``orbit_distance``."""
     return (regimes == Regime.PERIODIC) & (distance > TOLERANCE)  # False for NaN
 
 

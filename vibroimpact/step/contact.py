@@ -62,10 +62,7 @@ def new_scratch():
 
 @jit
 def pressing(s, pt):
-    """Return the acceleration that presses a resting mass on the stop: eq. (1) at x = clearance.
-
-    `s` is the sine of the phase.
-    """
+    """Return the acceleration that presses a resting mass on the stop: eq. (1) at x = clearance."""
     return -pt.f * s - pt.p * pt.p * pt.clearance
 
 
@@ -105,10 +102,7 @@ def time_to_release(theta, pt):
 
 @jit
 def start(pt, s):
-    """Return the state just after the start, by rule (2)-(5), and whether the mass rests.
-
-    `s` is the sine of the phase at the start, 0 at t = 0.
-    """
+    """Return the state just after the start, by rule (2)-(5), and whether the mass rests."""
     x, v = pt.x0, pt.v0
     if x >= pt.clearance and v > 0.0:
         return x, -pt.R * v, False

@@ -110,10 +110,7 @@ def _first_guess(low, value_low, slope_low, high, value, slope):
 
 @jit
 def _root(c, m, low, high, u):
-    """Return the only root in (low, high) of a polynomial that rises through it.
-
-    Newton's method from `u`, kept inside its bracket.
-    """
+    """Return the only root in (low, high) of a rising polynomial, by Newton's method from `u`."""
     if not low < u < high:
         u = 0.5 * (low + high)
     for _ in range(100):

@@ -167,10 +167,7 @@ def _trace(job, i, exactly):
 
 @specialised
 def _trace_points(job, exactly):
-    """Log point after point until the threads have taken all of them.
-
-    `exactly` says whether the rule is ``exact``, so that what other rules need is not compiled.
-    """
+    """Log point after point until the threads have taken all of them."""
     i = claim(job.claimed)
     while i < job.points.size:  # terminates: the counter only rises
         rows, status = _trace(job, i, exactly)

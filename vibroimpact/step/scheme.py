@@ -145,11 +145,7 @@ PAPER_STEPS = 100
 
 
 def least_stable_steps(integrator: str, h: ArrayLike, p: ArrayLike, omega: ArrayLike) -> np.ndarray:
-    """Return the least steps per forcing period for which T = 2 pi / (omega steps) is stable.
-
-    The shapes of the parameters must broadcast. Steps are whole numbers; inf if none is stable.
-    The closed forms of ``INTEGRATORS`` are elementary arithmetic, so this compiles nothing.
-    """
+    """Return the least whole steps per forcing period for which a step is stable; inf for none."""
     h, p, omega = (np.asarray(value, float) for value in (h, p, omega))
     with np.errstate(all="ignore"):  # extreme ratios, which need too many steps anyway
         steps = np.floor(2.0 * np.pi * p / (omega * INTEGRATORS[integrator].limit(h / p))) + 1.0
