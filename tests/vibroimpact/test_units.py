@@ -34,21 +34,22 @@ def run(points, integrator, rule):
     return results | {name: found[name] for name in found.dtype.names}
 
 
-@pytest.mark.parametrize(("rate", "length"), [(2.0**10, 2.0**5), (2.0**-20, 2.0**40)])
 @pytest.mark.parametrize(
     ("integrator", "rule"),
     [("exact", "exact"), ("newmark", "reduced-step"), ("rk4", "plain"), ("newmark", "cubic")],
 )
-def test_units_change_no_bit(integrator, rule, rate, length):
+def test_units_change_no_bit(integrator, rule):
     """Of all results of random motions, of weakly damped ones, and of some near a far stop."""
     far, weak = balls(1e-7, 0.6, np.linspace(2.0, 20.0, 50)), weakly_damped(100, -5.0, -2.0, 1)
     points = np.concatenate([random_points(300), weak, far])
     results = run(points, integrator, rule)
-    for name in POINT.names:
-        points[name] = in_units(name, points[name], rate, length)
-    for name, values in run(points, integrator, rule).items():
-        expected = in_units(name, results[name], rate, length)
-        np.testing.assert_array_equal(values, expected, err_msg=name)
+    for rate, length in ((2.0**10, 2.0**5), (2.0**-20, 2.0**40)):
+        scaled = points.copy()
+        for name in POINT.names:
+            scaled[name] = in_units(name, points[name], rate, length)
+        for name, values in run(scaled, integrator, rule).items():
+            expected = in_units(name, results[name], rate, length)
+            np.testing.assert_array_equal(values, expected, err_msg=name)
 
 
 def test_natural_units_are_near_those_of_the_motion():
@@ -214,10 +215,10 @@ def test_units_change_no_bit_of_branches_and_curves(count, seed):
     assert min(seen.values()) > 0 and sum(seen.values()) > count // 4, seen
 
 
-@pytest.mark.parametrize("exponents", EXPONENTS)
-def test_units_change_no_bit_of_orbits_and_motions(exponents):
-    units, own, one_impact, any_orbit = NaturalUnits(*exponents), NaturalUnits(0, 0), 0, 0
-    for osc, n in random_oscillators(12, 8):
+def test_units_change_no_bit_of_orbits_and_motions():
+    own, one_impact, any_orbit = NaturalUnits(0, 0), 0, 0
+    for i, (osc, n) in enumerate(random_oscillators(40, 8)):
+        units = NaturalUnits(*EXPONENTS[i % len(EXPONENTS)])
         scaled = oscillator_out_of(units, osc)
         pairs = zip(one_impact_orbits(osc, n), one_impact_orbits(scaled, n), strict=True)
         for orbit, other in pairs:
@@ -243,4 +244,4 @@ def test_units_change_no_bit_of_orbits_and_motions(exponents):
         other = periodic_orbit(scaled, x, v, n)
         assert_same(orbit_numbers(own, orbit), orbit_numbers(units, other), str(osc))
         any_orbit += 1
-    assert one_impact > 0 and any_orbit > 0
+    assert one_impact > 10 and any_orbit > 10

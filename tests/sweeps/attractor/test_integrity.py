@@ -140,7 +140,7 @@ def all_knocks(monkeypatch):
     monkeypatch.setattr("sweeps.attractor.knocks._CLOSER", _CLOSER)
 
 
-def test_the_least_knock_is_on_the_boundary_and_no_smaller_one_is_harmful(dataset, all_knocks):
+def test_the_least_knock_is_on_the_boundary_and_no_smaller_one_is_harmful(dataset):
     found = knocks(dataset.isel(omega=0))
     home = {0: 0.0, 1: 0.5}
     assert found["knock_ends"].values.tolist() == [1, 0]
