@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import sweeps
-from sweeps import load_config, open_sweep
+from sweeps import open_sweep
 from sweeps.engine.executors import compute_all
 from sweeps.explorer.live_diagram import density, fitted, ordinates
 from sweeps.explorer.view import BASINS_TAB
@@ -296,30 +296,6 @@ def test_a_map_of_classes_gives_its_row_or_its_column_to_the_diagram(window):
     window.tab.get_by_text("map of classes").click()
     code = "{const {el} = Bokeh.index.find_one(m); return el.clientHeight - el.scrollHeight}"
     window.settle(lambda: window.model("map legend", code) == 0)  # all of it is visible
-
-
-def test_a_logarithmic_axis_is_drawn_as_one_and_the_end_is_said(browser, tmp_path):
-    damping = {"start": 1e-3, "stop": 1.0, "num": 50, "spacing": "log"}
-    oscillator = {"h": damping, "R": 0.8, "omega": 2.9, "f": 1.0}
-    config = {"name": ODD, "oscillator": oscillator, "record": {"transient": 60, "periods": 5}}
-    explorer = sweeps.explore(load_config(config), folder=tmp_path)
-    window = Window(browser, explorer)
-    page = window.page
-    assert window.tab.title() == f"{ODD}: vibroimpact"
-    np.testing.assert_array_equal(window.pixels(), expected(page))
-    window.click(0.5, 0.5)
-    window.settle(lambda: page.motion.text.text != "")
-    assert page.view.values["h"] == pytest.approx(10**-1.5, rel=0.02)
-    window.wheel(-300.0)
-    window.settle(lambda: page.view.xlim[0] > 2e-3)
-    assert np.prod(page.view.xlim) == pytest.approx(1e-3, rel=0.05)
-    assert window.problems == []
-    assert window.tab.evaluate("window.ran") is None
-    ended = window.tab.get_by_text("vibroimpact explore has ended")
-    assert not ended.is_visible()
-    explorer.close()
-    ended.wait_for()
-    window.tab.close()
 
 
 def test_what_is_saved_runs_to_the_same_numbers(window, tmp_path):

@@ -10,6 +10,7 @@ import sweeps
 from sweeps import load_config
 from tests.helpers.browser import SCENE, Window, chromium
 from tests.helpers.places import CONFIGS
+from tests.sweeps.explorer.test_page import ODD, expected
 
 pytestmark = pytest.mark.slow
 #: The element that has the focus: its role or tag, its name, and whether it is open or pressed.
@@ -191,18 +192,31 @@ def test_the_mass_stands_still_where_the_browser_asks_for_reduced_motion(window)
     assert not window.model("moving", "{return m.active}")
 
 
-def test_lengths_of_a_rig_have_the_prefix_of_the_pictures_in_the_browser(browser, tmp_path):
+def test_a_rig_over_a_logarithmic_axis_and_the_end_of_the_page(browser, tmp_path):
     """At the sections, the mass of this rig is at most 0.2 mm away."""
-    config = load_config(CONFIGS / "shaker.yaml", ["record={transient: 60, periods: 4}"])
+    changes = ["record={transient: 60, periods: 4}", "rig.frequency.spacing=log"]
+    config = load_config(CONFIGS / "shaker.yaml", [*changes, f"name={ODD}"])
     with closing(sweeps.explore(config, folder=tmp_path)) as explorer:
         window = Window(browser, explorer)
         page, y = window.page, "m.left[0]"
-        window.settle()
+        assert window.tab.title() == f"{ODD}: vibroimpact"
+        np.testing.assert_array_equal(window.pixels(), expected(page))
+        window.click(0.5, 0.5)
+        window.settle(lambda: page.motion.text.text != "")
+        assert page.view.values["omega"] == pytest.approx(480**0.5, rel=0.01)
+        window.wheel(-300.0)
+        window.settle(lambda: page.view.xlim[0] > 17.0)
+        assert np.prod(page.view.xlim) == pytest.approx(480.0, rel=0.02)
+        window.show(page.home)
         assert window.model("diagram", "{return m.title.text}").endswith("x [mm]")
         write = f"{{return {y}.formatter.doFormat([-5e-5, 0, 5e-5, 1e-4], {{loc: 0}})}}"
         assert window.model("diagram", write) == ["\u22120.05", "0.00", "0.05", "0.10"]
         window.show(replace(page.view, ylim=(0.0, 2.0)))
         assert window.model("diagram", "{return m.title.text}").endswith("x [m]")
         assert window.model("diagram", write) != ["\u22120.05", "0.00", "0.05", "0.10"]
+        assert window.problems == [] and window.tab.evaluate("window.ran") is None
+        ended = window.tab.get_by_text("vibroimpact explore has ended")
+        assert not ended.is_visible()
+        explorer.close()
+        ended.wait_for()
         window.tab.close()
-        assert window.problems == []
