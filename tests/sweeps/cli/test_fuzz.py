@@ -1,6 +1,5 @@
 """Any text given as a configuration is run or refused with a message, and leaves no files."""
 
-import faulthandler
 import random
 from collections import Counter
 from pathlib import Path
@@ -60,7 +59,6 @@ def answer_mutated(seed):
     text = yaml.safe_dump(document(rng, DOCUMENTS))
     text = damaged(rng, text) if seed % 5 == 4 else text
     Path("fuzz.yaml").write_bytes(text.encode("utf-8", "surrogatepass"))
-    faulthandler.dump_traceback_later(300, exit=True)  # a hang ends the campaign
     try:
         try:
             load_config("fuzz.yaml")
@@ -74,7 +72,6 @@ def answer_mutated(seed):
         print(f"seed {seed}:\n{text}")
         raise
     finally:
-        faulthandler.cancel_dump_traceback_later()
         for path in Path().iterdir():
             path.unlink()
 
@@ -140,14 +137,3 @@ def test_a_device_is_no_configuration():
 def test_what_is_no_file_of_a_sweep_is_refused(where):
     with pytest.raises(StoreError):
         open_sweep(where)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("start", [b"", b"\x89HDF\r\n\x1a\n", b"CDF\x01"])
-def test_any_bytes_are_no_file_of_a_sweep(tmp_path, start):
-    path = tmp_path / "out.h5"
-    for seed in range(10):
-        draw = random.Random(seed)
-        path.write_bytes(start + draw.randbytes(draw.randrange(500)) + b"\x89VIBROL\n")
-        with pytest.raises(StoreError, match=r"out\.h5"):
-            open_sweep(path)
