@@ -92,7 +92,7 @@ def judge(base, content):
 @pytest.mark.parametrize("name", ["complete", "packed", "empty", "begun"])
 @pytest.mark.parametrize(
     "places",
-    [pytest.param(4, marks=pytest.mark.slow), pytest.param(None, marks=pytest.mark.campaign)],
+    [pytest.param(5, marks=pytest.mark.slow), pytest.param(None, marks=pytest.mark.campaign)],
     ids=["some", "all"],
 )
 def test_no_change_of_a_file_gives_wrong_data(bases, places, name, change):
@@ -101,7 +101,7 @@ def test_no_change_of_a_file_gives_wrong_data(bases, places, name, change):
     last = len(base.content) - 1
     for at in np.linspace(0, last, places or last + 1).astype(int).tolist():
         seen = judge(base, CHANGES[change](base.content, at))
-        if places:
+        if places and at == last // 2:
             try:
                 fill_blocks("out.h5", resume=True)
             except StoreError:
