@@ -27,7 +27,6 @@ from sweeps.opened.tables import headed
 from sweeps.store.variables import DIRECTION
 from vibroimpact.orbits.curves import CURVE_KINDS
 from vibroimpact.points.regimes import Label, Regime, labels_of
-from vibroimpact.points.stages import RunSpec
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -193,8 +192,10 @@ def explained_changes(
         line, motion = coordinates.isel(dict(zip(others, index, strict=True))), motions[index]
         classes = labels_of(motion["regime"], period[index], impacts[index], line["R"].values)
         unclassified += classes.count(None)
-        values, down = line[parameter].values, _is_followed_down(spec, line, parameter)
-        of_line = {name: line[name].item() for name in others} | {"down": down, "narrow": False}
+        values, of_line = line[parameter].values, {name: line[name].item() for name in others}
+        is_followed = spec.followed == parameter
+        down = is_followed and of_line.get(DIRECTION, data.followed_directions[0]) == "down"
+        of_line |= {"down": down, "narrow": False}
         changes = [*changes_of_class(values, classes)]
         for i, change in enumerate(changes):
             report(0.0)
@@ -318,11 +319,3 @@ def _classes_beside(exact: xr.Dataset, members: np.ndarray) -> tuple[Label, Labe
                 m, q = (int(exact[name].values[near]) for name in ("m", "q"))
                 beside[side] = Label(Regime.PERIODIC, m, q)
     return beside[0], beside[1]
-
-
-def _is_followed_down(spec: RunSpec, line: xr.Dataset, parameter: str) -> bool:
-    """Whether the line was followed downwards: each point started from the next greater value."""
-    if spec.followed != parameter:
-        return False
-    direction = line[DIRECTION].item() if DIRECTION in line.coords else spec.directions[0]
-    return bool(direction == "down")

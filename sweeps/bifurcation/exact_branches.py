@@ -91,8 +91,9 @@ def branches(
           periods.
 
         The attribute ``summary`` says what was found, and ``given_up`` what was not followed.
-        ``range`` holds the ends of the axis, and ``phase`` is the phase of the section. ``chosen``
-        is 1 if `classes` or `most` are given: then a diagram draws all branches.
+        ``range`` holds the ends of the axis, and ``phase`` is the phase of the section; the other
+        parameters are attributes, too. ``chosen`` is 1 if `classes` or `most` are given: then a
+        diagram draws all branches.
 
     Raises
     ------
@@ -245,7 +246,7 @@ def with_special_points(
     """Return the points of branches or curves along ``point``, each followed by its special points.
 
     The variable `noun` is the number of the branch or curve, and `special` the kind of a special
-    point.
+    point. The attributes are the parameters that all have in common.
     """
     numbers, kinds, values = list[int](), list[str](), list[Any]()
     for number, item in enumerate(paths):
@@ -255,7 +256,8 @@ def with_special_points(
     columns = np.array(values, float).reshape(-1, len(axes)).T
     data = {noun: ("point", np.array(numbers, int)), special: ("point", np.array(kinds, "U11"))}
     coordinates = {axis: ("point", column) for axis, column in zip(axes, columns, strict=True)}
-    return xr.Dataset(data, coordinates)
+    fixed = vars(paths[0].oscillator) if paths else {}
+    return xr.Dataset(data, coordinates, {name: fixed[name] for name in fixed.keys() - {*axes}})
 
 
 def _padded(tables: Sequence[np.ndarray]) -> np.ndarray:

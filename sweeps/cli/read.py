@@ -219,9 +219,9 @@ def export_command(
         raise Refused(f"--rows {rows} is not allowed; expected: points, sections or impacts")
     cuts = common.selection_of(at)
     with common.opened_in_si(file) as sweep, common.named(file):
-        cut = sweep.part(cuts)
+        cut = sweep.at_values({name: [value] for name, value in cuts.items()})
         written = write_rows(cut, output, rows)
-        left_out = cut.impacts_left_out if rows == "impacts" else ""
+        left_out = cut.left_out("impact") if rows == "impacts" else ""
         common.say_moved(sweep, cuts, "written")
     points = "; the file has only the " + left_out + " of a point" if left_out else ""
     common.say(f"{output}: {shown_count(written, 'row')}{points}")

@@ -25,7 +25,8 @@ from sweeps.config.groups import (
     refuse_out_of_bounds,
 )
 from sweeps.config.values import Axis, ConflictError, Elsewhere, Number, Range, Values, ordered
-from sweeps.text import fewest_digits, in_units
+from sweeps.errors import Refused
+from sweeps.text import fewest_digits, in_units, listed
 from vibroimpact.oscillator import PARAMETERS, Parameter
 
 
@@ -283,7 +284,10 @@ class Nomenclature:
 
     def selection(self, at: Mapping[str, Any]) -> dict[str, Any]:
         """Convert values of parameters of the model by name, without texts, and their names."""
-        return {
+        selected = {
             self.name(name): value if isinstance(value, str) else self.value(name, value)
             for name, value in at.items()
         }
+        if len(selected) < len(at):
+            raise Refused(f"{listed(at)}: two of these are one axis; leave one of them out")
+        return selected

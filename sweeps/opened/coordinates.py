@@ -12,7 +12,7 @@ import xarray as xr
 from sweeps.errors import Refused
 from sweeps.grid import Grid, block_points
 from sweeps.opened.opened_sweep import OpenedSweep
-from sweeps.store.variables import DIRECTION, TRAJECTORIES, VARIABLES, Variable
+from sweeps.store.variables import TRAJECTORIES, VARIABLES, Variable
 from sweeps.text import shown_count
 from vibroimpact.oscillator import Oscillator
 from vibroimpact.points.stages import RunSpec
@@ -194,8 +194,7 @@ def _start_phase(point: OpenedSweep) -> float:
     spec = point.spec
     if spec.followed is not None:
         values = point.config.sweep.grid.swept[spec.followed]
-        direction = point[DIRECTION].item() if DIRECTION in point else spec.directions[0]
-        first = values.min() if direction == "up" else values.max()
+        first = values.min() if point.followed_directions[0] == "up" else values.max()
         if values[np.argmin(np.abs(values - float(point[spec.followed])))] != first:
             return spec.phase
     return float(point["phase"])

@@ -22,7 +22,7 @@ from sweeps.config.rig import MASS, QUANTITIES, Nomenclature
 from sweeps.errors import Refused
 from sweeps.grid import TABLE
 from sweeps.opened.opened_sweep import OpenedSweep
-from sweeps.store.variables import COLUMN_NAMES, DIRECTION, FLAGS, VARIABLES, attributes_of
+from sweeps.store.variables import COLUMN_NAMES, DIRECTION, FLAGS, RECORDS, VARIABLES, attributes_of
 from sweeps.store.xarray_engine import open_sweep
 from sweeps.text import listed
 from vibroimpact.inputs import TEXT, Allowed, input_text, integer, is_number, number, of_python
@@ -147,7 +147,8 @@ def _opened(dataset: object) -> OpenedSweep:
     if DIRECTION in dataset.dims and dataset[DIRECTION][0] == "down":  # sorted by name
         dataset = dataset.isel({DIRECTION: slice(None, None, -1)})
     integers = {name: each.astype(VARIABLES[name].dtype) for name, each in _integers(dataset)}
-    ordered = dataset.assign(integers).transpose(*dataset["status"].dims, ...)
+    grid = sorted(dataset["status"].dims, key=lambda name: name != DIRECTION)  # as in a file
+    ordered = dataset.assign(integers).transpose(*grid, ...)
     for called, variable in ordered.variables.items():  # pandas keeps no attributes
         variable.attrs = attributes_of(str(called), ordered.attrs) | variable.attrs
     return OpenedSweep(ordered)
@@ -167,6 +168,11 @@ def _axis_problems(dataset: xr.Dataset) -> Iterator[str]:
     for name in (*dims, "section", "impact", "exponent"):  # no point may have a sample
         if not dataset.sizes.get(name, 1):
             yield f"has no value of {name}"
+    for name in sorted(RECORDS.keys() & {*map(str, coords)}):
+        numbers = np.atleast_1d(coords[name].values)
+        is_cut = numbers.dtype.kind not in "iuf" or (np.diff(numbers) != 1).any()
+        if is_cut or (name == "exponent" and numbers[0] != 0):
+            yield f"has values of {name} that do not follow one another as in a file"
     for name in (*dims, *PARAMETERS):
         if name not in (*PARAMETERS, DIRECTION, TABLE):
             yield f"has the axis {name}, which no sweep has"
@@ -196,9 +202,6 @@ def _result_problems(dataset: xr.Dataset) -> Iterator[str]:
 
 
 # A rig in SI units
-
-#: Attribute that marks exact orbits over the axes of a rig.
-_IN_SI = "in_si"
 
 
 def in_si(sweep: OpenedSweep) -> OpenedSweep:
@@ -233,11 +236,12 @@ def in_si(sweep: OpenedSweep) -> OpenedSweep:
 
 def orbits_on_axes(sweep: OpenedSweep, orbits: xr.Dataset) -> xr.Dataset:
     """Return exact branches or curves, over parameters of the model, over the axes."""
-    nomenclature, axes = sweep.nomenclature, {str(k): v for k, v in orbits.coords.items()}
-    if not nomenclature.in_si or _IN_SI in orbits.attrs:
+    nomenclature = sweep.nomenclature
+    axes = {str(k): v for k, v in orbits.coords.items() if k in PARAMETERS}
+    if not (nomenclature.in_si and axes):  # or they are over those of the rig already
         return orbits
     values = {axis: (v.dims, nomenclature.value(axis, v.values)) for axis, v in axes.items()}
-    si = orbits.assign_coords(values).assign_attrs({_IN_SI: 1})
+    si = orbits.assign_coords(values)
     if "range" in si.attrs:  # of branches
         si.attrs["range"] = nomenclature.value(
             next(iter(axes)), np.array(si.attrs["range"])

@@ -88,6 +88,15 @@ class OpenedSweep:
         return tuple(self.data[DIRECTION].values) if DIRECTION in self.grid else ()
 
     @property
+    def followed_directions(self) -> tuple[str, ...]:
+        """The directions in which the motions were followed; refuses a cut that lost its own."""
+        if DIRECTION in self.data.coords:
+            return tuple(np.atleast_1d(self.data[DIRECTION].values))
+        if len(self.spec.directions) > 1:
+            raise Refused("the Dataset has no coordinate direction: cut it without drop")
+        return self.spec.directions
+
+    @property
     def columns(self) -> dict[str, np.ndarray]:
         """The columns of a sweep over a table; empty for a grid."""
         names = str(self.attrs.get(COLUMN_NAMES, "")).split()
@@ -184,13 +193,15 @@ class OpenedSweep:
         results = self.values(["impacts_per_period"], ["period", "period_impacts"])
         return shown_in_part(results, self.spec.periods, self.sizes["impact"])
 
-    @property
-    def impacts_left_out(self) -> str:
-        """How many impacts of the record were kept at most, in words; empty if all were."""
-        met = impacts_met(self["impacts_per_period"].values, self.spec.periods)
-        width, most = self.sizes["impact"], int(met.max(initial=0))
-        several = "up to " if self["status"].size > 1 else ""
-        return f"last {width:,} of {several}{shown_count(most, 'impact')}" if most > width else ""
+    def left_out(self, record: str) -> str:
+        """Return how many sections or impacts are held at most, in words; empty if all are."""
+        width, most, which = self.sizes[record], self.spec.periods, ""
+        if record == "impact":
+            met = impacts_met(self["impacts_per_period"].values, self.spec.periods)
+            most = int(met.max(initial=0))
+            which = "last " if width == self.spec.impacts else ""  # and not a cut
+        several = "up to " if record == "impact" and self["status"].size > 1 else ""
+        return f"{which}{width:,} of {several}{shown_count(most, record)}" if most > width else ""
 
     @property
     def recorded_motions(self) -> dict[str, np.ndarray]:
@@ -219,7 +230,10 @@ class OpenedSweep:
 
     def isel(self, indices: Mapping[Any, Any]) -> Self:
         """Return the points at these indices of dimensions."""
-        return self.with_data(self.data.isel(indices))
+        data = self.data
+        for name, index in indices.items():  # all at once, xarray fails after a transposition
+            data = data.isel({name: index})
+        return self.with_data(data)
 
     def sortby(self, axes: str | list[str]) -> Self:
         """Return the points with increasing values along axes."""
@@ -277,11 +291,7 @@ class OpenedSweep:
         first = {name: 0 for name in self.grid if name not in free}
         return self.isel(first | self.indices(at or {}, {*free} - {DIRECTION}))
 
-    def part(self, at: Selection) -> Self:
-        """Return the points at the grid values nearest to `at`, with all dimensions."""
-        return self.isel({name: slice(i, i + 1) for name, i in self.indices(at).items()})
-
-    def at_values(self, at: Mapping[str, Sequence[float]]) -> Self:
+    def at_values(self, at: Mapping[str, Sequence[float | str]]) -> Self:
         """Return the points at the grid values nearest to several values of axes."""
         chosen = dict[str, list[int]]()
         for name, values in at.items():

@@ -6,7 +6,6 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import matplotlib as mpl
 from matplotlib.figure import Figure
 
 from sweeps import plotting
@@ -17,7 +16,7 @@ from sweeps.opened.doors import takes_sweep
 from sweeps.opened.opened_sweep import START_AXES, OpenedSweep, Selection
 from sweeps.plotting.page import PAGE, PICTURE_ARGUMENTS, Page
 from sweeps.plotting.saving import ANIMATED, check_picture, description, save
-from sweeps.plotting.style import user_style
+from sweeps.plotting.style import in_style
 from sweeps.store.variables import DIRECTION
 from sweeps.text import choice_of, listed, near_misses, suggestion
 from vibroimpact.inputs import PATH, TEXT
@@ -117,9 +116,8 @@ def plot(
     options = {name: value for name, value in options.items() if value is not None}
     kind = default_kind(sweep, at, **options) if kind is None else kind
     check_options(kind, options, output)
-    style = user_style() | ({} if page.dpi is None else {"savefig.dpi": page.dpi})
     about = description(sweep.attrs, command)
-    with mpl.rc_context(style):
+    with in_style({} if page.dpi is None else {"savefig.dpi": page.dpi}):
         if is_animated(output):
             from sweeps.plotting.animation import save_animation
 

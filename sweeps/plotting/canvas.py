@@ -8,7 +8,7 @@ import warnings
 from collections.abc import Mapping, Sequence
 from functools import partial
 from itertools import pairwise
-from typing import NoReturn
+from typing import Any, NoReturn
 
 import matplotlib as mpl
 import numpy as np
@@ -30,7 +30,7 @@ from sweeps.plotting.labels import title as title_of
 from sweeps.plotting.legend import SHARE, WIDTH, fit_legend, in_two_lines, legend_within
 from sweeps.plotting.page import Page
 from sweeps.plotting.pixels import figure_of, in_view, points_in
-from sweeps.plotting.style import user_style
+from sweeps.plotting.style import in_style
 from sweeps.text import choice_of, listed, near_misses, shortened, suggestion, told_apart
 
 #: Greatest height of a picture unless the page gives it, so that it fits a printed page [inch].
@@ -90,10 +90,15 @@ class Picture(Figure):
             except UserWarning:
                 self._refuse_size("labels leave")
 
+    def savefig(self, *arguments: Any, **options: Any) -> None:
+        """Write the figure as matplotlib does, while other threads wait."""
+        with in_style(common=False):
+            super().savefig(*arguments, **options)
+
     def _repr_png_(self) -> bytes:
         """Draw the figure for Jupyter."""
         buffer = io.BytesIO()
-        with mpl.rc_context(user_style()):
+        with in_style():
             self.savefig(buffer, format="png", dpi=150)
         return buffer.getvalue()
 

@@ -5,16 +5,18 @@ This is the only way in which ``quantity``, ``below`` and ``color`` become value
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Any, NoReturn
 
 import numpy as np
 import xarray as xr
 
+from sweeps.config.groups import STARTS
 from sweeps.errors import Refused
 from sweeps.opened.coordinates import COORDINATES, ORDINATES, SOURCES
 from sweeps.opened.opened_sweep import OpenedSweep, Selection
-from sweeps.store.variables import DIRECTION, description_in
+from sweeps.store.variables import DIRECTION, VARIABLES, description_in
 from sweeps.text import choice_of, listed, near_misses, suggestion
 from vibroimpact.oscillator import PARAMETERS
 from vibroimpact.points.regimes import has_result
@@ -105,13 +107,16 @@ def _with_values(sweep: OpenedSweep, values: xr.DataArray) -> tuple[OpenedSweep,
         raise Refused(f"{name} is over {dims}; {over}")
     if values.dtype.kind not in "biuf":
         raise Refused(f"{name} holds {values.dtype}; {over}")
-    try:
-        xr.align(sweep["status"], values, join="exact")
-    except ValueError:
-        raise Refused(f"{name} is at other values of the axes; {over}") from None
-    is_variable = name in sweep and values.variable.equals(sweep[name].variable)
-    attrs = sweep[name].attrs if is_variable else {"long_name": name, "symbol": ""}
-    plain = values.drop_vars([*values.coords]).assign_attrs(attrs | values.attrs)
+    coords = {*PARAMETERS, *sweep.grid} & {*values.coords} & {*sweep.data.coords}
+    is_there = all(values[each].variable.equals(sweep.data[each].variable) for each in coords)
+    if not is_there or any(values.sizes[dim] != sweep.sizes[dim] for dim in values.dims):
+        raise Refused(f"{name} is at other values of the axes; {over}")
+    plain, attrs = values.drop_vars([*values.coords]), {"long_name": name, "symbol": ""}
+    is_variable = name in sweep and plain.fillna(sweep[name]).variable.equals(sweep[name].variable)
+    of_file = {of.meaning for of in VARIABLES.values()} | {of.meaning for of in PARAMETERS.values()}
+    if is_variable or values.attrs.get("long_name") not in of_file:  # calculations keep attributes
+        attrs |= (sweep[name].attrs if is_variable else {}) | values.attrs
+    plain.attrs = attrs
     if is_variable and plain.variable.identical(sweep[name].variable):
         return sweep, name
     while name in sweep:
@@ -171,17 +176,24 @@ def refuse_without_branches(coordinate: str) -> None:
 
 
 def fitting_orbits(
-    exact: xr.Dataset, noun: str, axes: Sequence[str], needed: set[str]
+    exact: xr.Dataset, noun: str, axes: Sequence[str], needed: set[str], cut: OpenedSweep
 ) -> xr.Dataset:
     """Return exact branches or curves, of which `where` may have left out points.
 
-    Refuses those that are over other axes, or of which a part is missing.
+    Refuses those that are over other axes or of another cut, or of which a part is missing.
     """
     if {*exact.coords} != {*axes}:
         over = listed(map(str, exact.coords))
         raise Refused(f"the exact {noun} are over {over}, not {listed(axes)}")
     if missing := sorted(needed - {*exact, *exact.attrs}):
         raise Refused(f"the exact {noun} have no {listed(missing)}: find them again")
+    nomenclature = cut.nomenclature
+    for name in sorted(PARAMETERS.keys() & exact.attrs.keys() - {*STARTS}):
+        pair = float(exact.attrs[name]), float(cut[name])
+        if not math.isclose(*pair, rel_tol=1e-9):
+            of_orbits, of_cut = (nomenclature.value(name, value) for value in pair)
+            place = f"{nomenclature.name(name)} = {of_orbits:.6g}, not {of_cut:.6g}"
+            raise Refused(f"the exact {noun} are at {place}: find them there")
     exact = exact.dropna("point", subset=["m"])
     typed = {"branch": int, "curve": int, "m": int, "q": int, "stable": bool}
     return exact.assign({name: exact[name].astype(typed[name]) for name in typed.keys() & {*exact}})

@@ -91,7 +91,7 @@ def bifurcation(
     if exact is not None:
         contents.refuse_without_branches(coordinate)
         noun = "branches" if "branch" in exact else "curves, which a map shows,"
-        exact = contents.fitting_orbits(exact, noun, [axis], _OF_BRANCHES | {coordinate})
+        exact = contents.fitting_orbits(exact, noun, [axis], _OF_BRANCHES | {coordinate}, line)
     points = read_overlay(overlay, sweep, [[axis], [coordinate, *names]])
     paint = None if tint is None else paint_of(line, tint, dots=True, grey=page.grey)
     rgba = None if paint is None else paint.colours()
@@ -297,5 +297,6 @@ class _Motions:
             panel.axhline(0.0, color=style.ink(), linewidth=0.6, zorder=1)
             is_plain = len(self.directions) == 1 and self.rgba is None
             colour = style.data_colour() if is_plain else style.dot_colour(style.BOTH_COLOUR)
-            for text, share in zip((r"$\lambda_1$", r"$\lambda_2$"), _EXPONENTS, strict=True):
+            for number, share in enumerate(_EXPONENTS[: columns[0].shape[1]], 1):
+                text = rf"$\lambda_{number}$"
                 panel.plot([], [], "o", color=colour, markersize=4 * share, label=text)

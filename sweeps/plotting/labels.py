@@ -14,7 +14,7 @@ from sweeps.config.rig import Nomenclature
 from sweeps.errors import Refused
 from sweeps.opened.coordinates import ORDINATES
 from sweeps.opened.opened_sweep import OpenedSweep
-from sweeps.store.variables import DIRECTION, VARIABLES
+from sweeps.store.variables import VARIABLES
 from sweeps.text import in_brackets, near_misses, shown_count, suggestion, unit_name
 from vibroimpact.oscillator import PARAMETERS
 from vibroimpact.status import Status
@@ -124,14 +124,14 @@ def status_name(outcome: Status) -> str:
     return outcome.meaning if outcome is Status.PENDING else outcome.word
 
 
-def record_text(line: OpenedSweep, coordinate: str = "poincare_x") -> str:
-    """Write a phase that is not 0, the transient and the periods, and impacts left out."""
+def record_text(line: OpenedSweep, coordinate: str = "") -> str:
+    """Write a phase that is not 0, the transient and the periods, and what is left out of these."""
     spec = line.spec
     transient = "auto" if spec.longest is not None else f"{spec.transient:,}"
     parts = [f"phase {spec.phase:.6g} rad"] if spec.phase else []
     parts += [f"transient {transient}", f"record {shown_count(spec.periods, 'period')}"]
-    if ORDINATES[coordinate].dimension == "impact" and (text := line.impacts_left_out):
-        parts.append(text)
+    if coordinate and (dimension := ORDINATES[coordinate].dimension) in ("section", "impact"):
+        parts += filter(None, [line.left_out(dimension)])
     return ", ".join(part.replace(" ", _JOINT) for part in parts)
 
 
@@ -166,8 +166,8 @@ def title(part: OpenedSweep, record: str | None = None) -> str:
 
 def followed(part: OpenedSweep) -> str:
     """Write in which directions, and along which axis, the motions of a picture were followed."""
-    directions = part[DIRECTION] if DIRECTION in part else part.spec.directions
-    return f"followed {' and '.join(np.atleast_1d(directions))} along ${part.followed_symbol}$"
+    directions = " and ".join(part.followed_directions)
+    return f"followed {directions} along ${part.followed_symbol}$"
 
 
 def direction_names(sweep: OpenedSweep) -> tuple[str, str]:

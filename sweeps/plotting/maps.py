@@ -76,7 +76,8 @@ def parameter_map(
     """
     abscissa, ordinate = chosen = sweep.map_axes(axes, at)
     if exact is not None:
-        exact = fitting_orbits(exact, "curves", chosen, {"curve", "m", "q", "special"})
+        needed = {"curve", "m", "q", "special"}
+        exact = fitting_orbits(exact, "curves", chosen, needed, sweep.cut(at, free=chosen))
     sweep, name = with_number(sweep, shown_quantity(sweep, quantity))
     points = read_overlay(overlay, sweep, [[abscissa], [ordinate]], name)
     cut = sweep.cut(at, free=chosen).sortby(chosen).transpose(ordinate, abscissa)

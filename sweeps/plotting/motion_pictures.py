@@ -236,7 +236,7 @@ def _draw_coloured(
     most = coordinates.MOST_DRAWN // len(with_result)
     dims, colours, motions = points.grid, paint.colours(), []
     at_each = dict(zip(dims, [("motion", place) for place in with_result.T], strict=True))
-    classes, dashes = points.isel(at_each).labels, paint.dashes()
+    classes, dashes = points.with_data(points.data.isel(at_each)).labels, paint.dashes()
     for index, motion_class in zip(with_result, classes, strict=True):
         point = points.isel(dict(zip(dims, index.tolist(), strict=True)))
         motions.append(coordinates.motion_of(point, periods, most))

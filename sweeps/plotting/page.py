@@ -8,9 +8,7 @@ from __future__ import annotations
 
 import functools
 import inspect
-import warnings
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, TypeVar
@@ -27,7 +25,7 @@ from sweeps.opened.doors import in_si, orbits_on_axes, takes_sweep
 from sweeps.opened.opened_sweep import OpenedSweep
 from sweeps.plotting.labels import LARGEST, check_units, in_own_unit, set_lim
 from sweeps.plotting.pixels import points_in, widened
-from sweeps.plotting.style import grey_style, user_style
+from sweeps.plotting.style import in_style
 from sweeps.text import told_apart
 from vibroimpact.inputs import FLAG, TEXT, Allowed, integer, is_number, number
 from vibroimpact.step.scheme import MOST_RECORDED
@@ -259,7 +257,7 @@ def styled(
         page = options.get("page", PAGE)
         if not (page.marks or marks):
             raise Refused("only maps and diagrams can leave out marks")
-        with _style(options.get("ax") is None, page.grey):
+        with in_style(common=options.get("ax") is None, grey=page.grey):
             sweep, options = _arguments_in_si(sweep, options)
             return draw(sweep, **options)
 
@@ -312,16 +310,6 @@ def _on_axes(sweep: OpenedSweep, values: xr.DataArray, nomenclature: Nomenclatur
             values = values.assign_coords({axis: (name, coord.values, coord.attrs)})
             values = values.swap_dims({name: axis})
     return values
-
-
-@contextmanager
-def _style(of_user: bool, grey: bool) -> Iterator[None]:
-    """Draw in the common style and that of the user, if asked for, without warnings of glyphs."""
-    with mpl.rc_context(user_style() if of_user else {}), warnings.catch_warnings():
-        mpl.rcParams.update(grey_style() if grey else {})
-        # The name of a sweep may have characters that the font lacks, drawn as boxes.
-        warnings.filterwarnings("ignore", "Glyph", UserWarning)
-        yield
 
 
 def _documented(draw: Callable[..., FigureT]) -> str:

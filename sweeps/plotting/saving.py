@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import re
 import shutil
-import warnings
 from collections.abc import Callable, Mapping
 from functools import cache
 from io import BytesIO
@@ -24,7 +23,7 @@ from matplotlib.spines import Spine
 from matplotlib.text import Text
 
 from sweeps.errors import Refused
-from sweeps.plotting.style import dots_per_inch, user_style, without_log
+from sweeps.plotting.style import dots_per_inch, in_style, without_log
 from sweeps.store.replacing import check_target, writing
 from sweeps.text import listed, near_misses, printable, shortened, suggestion
 from vibroimpact import __version__
@@ -94,7 +93,7 @@ def _check_settings(file: str) -> None:
     """Refuse settings of the user with which a simple figure cannot be drawn."""
     figure = Figure()
     figure.add_subplot().set_title("$x$")
-    with mpl.rc_context(user_style()):
+    with in_style():
         _check_size(figure)
         try:
             figure.savefig(BytesIO(), format="png")
@@ -127,9 +126,7 @@ def save(figure: Figure, output: Path, description: tuple[str, ...] = ()) -> Non
     pixels = kind in _TIFF
     # About transparency, for which `_make_opaque` has cared.
     silent = without_log("matplotlib.backends.backend_ps", "transparency")
-    with warnings.catch_warnings(), silent:
-        # The name of a sweep may have characters that the font lacks, drawn as boxes.
-        warnings.filterwarnings("ignore", "Glyph", UserWarning)
+    with silent:
         fields = {} if pixels else {**about, **_NO_DATES[kind]}
         figure.savefig(image, format="png" if pixels else kind, metadata=fields)
     content = _as_tiff(image, about) if pixels else image.getvalue()
@@ -142,7 +139,7 @@ def save(figure: Figure, output: Path, description: tuple[str, ...] = ()) -> Non
 
 def save_chart(output: Path, picture: Callable[..., Figure], *measured: object) -> None:
     """Write the figure that `picture` makes of measurements to a file, in the style of all."""
-    with mpl.rc_context(user_style()):
+    with in_style():
         save(picture(*measured), output)
 
 

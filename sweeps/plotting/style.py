@@ -7,7 +7,9 @@ of one kind.
 """
 
 import logging
-from collections.abc import Iterator
+import threading
+import warnings
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from typing import Any, NamedTuple, Self
 
@@ -24,6 +26,9 @@ BLUE, VERMILION, ORANGE = "#0072B2", "#D55E00", "#E69F00"
 GREEN, PURPLE, SKY, YELLOW = "#009E73", "#CC79A7", "#56B4E9", "#F0E442"
 DARK_ORANGE = "#BF7A00"  # for dots and lines
 WHITE, BLACK = "#FFFFFF", "#000000"
+
+#: The turn to draw: all threads share matplotlib's settings and its reader of formulas.
+_TURN = threading.RLock()
 
 STATUS_COLOURS = {
     Status.PENDING: "#ACA59E",
@@ -312,6 +317,18 @@ def user_style() -> dict[Any, Any]:
         for name, value in STYLE.items()
         if name not in named and mpl.rcParams[name] == mpl.rcParamsDefault[name]
     }
+
+
+@contextmanager
+def in_style(
+    settings: Mapping[Any, Any] = {}, *, common: bool = True, grey: bool = False
+) -> Iterator[None]:
+    """Draw with settings, those that are `common` and those of grey, while other threads wait."""
+    with _TURN, mpl.rc_context((user_style() if common else {}) | dict(settings)):
+        mpl.rcParams.update(grey_style() if grey else {})
+        with warnings.catch_warnings():  # of characters in the name of a sweep that the font lacks
+            warnings.filterwarnings("ignore", "Glyph", UserWarning)
+            yield
 
 
 def dots_per_inch() -> float:

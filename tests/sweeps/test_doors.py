@@ -1,9 +1,12 @@
 """Wrong arguments and partial files at every public function: one refusal, in common words."""
 
 import re
+from concurrent.futures import ThreadPoolExecutor
+from io import BytesIO
 from itertools import product
 from pathlib import Path
 
+import matplotlib as mpl
 import numpy as np
 import pytest
 import xarray as xr
@@ -76,6 +79,10 @@ NO_SWEEP = {
     "no sections": lambda ds: ds.isel(section=slice(0, 0)),
     "another outcome": lambda ds: ds.assign(status=ds["status"] + 99),
     "no impacts": lambda ds: ds.isel(impact=slice(0, 0)),
+    "every other section": lambda ds: ds.isel(section=slice(None, None, 2)),
+    "sections in reverse": lambda ds: ds.isel(section=slice(None, None, -1)),
+    "every other impact": lambda ds: ds.isel(impact=slice(None, None, 2)),
+    "the lesser exponent": lambda ds: ds.assign_coords(exponent=[1]),
     "too large integers": lambda ds: ds.assign(period=ds["period"] * 1e300),
     "results in words": lambda ds: ds.assign(poincare_x=ds["poincare_x"].astype(str)),
 }
@@ -138,6 +145,8 @@ def test_what_a_dataset_lacks_is_named_until_it_has_it(loaded, door):
 def test_what_exact_orbits_and_attractors_lack_is_named(loaded):
     over_map, starts = loaded["map"], loaded["starts"]
     branches, curves = sweeps.branches(over_map, "omega"), sweeps.curves(over_map)
+    with pytest.raises(Refused, match=r"branches are at R = 0\.7, not 0\.8: find them there"):
+        plotting.bifurcation(over_map, at={"R": 0.8}, exact=branches)
     for name in ("branch", "m", "q", "stable", "poincare_x"):
         with pytest.raises(Refused, match=f"have no {name}: find them again"):
             plotting.bifurcation(over_map, exact=branches.drop_vars(name))
@@ -289,6 +298,39 @@ def test_a_dataset_that_xarray_has_rearranged_is_the_same_sweep(loaded):
         plotting.bifurcation(data, axes="omega").axes[0].lines for data in (ds, turned)
     )
     np.testing.assert_array_equal(line.get_xydata(), same.get_xydata())
+
+
+def test_a_sweep_followed_both_ways_is_transposed_but_does_not_lose_its_ways():
+    """xarray fails at a single value of a transposed variable that is not read yet."""
+    scene = {"follow": {"axis": "omega", "direction": "both"}, "record": {"transient": 0}}
+    scene["oscillator"] = SCENE["oscillator"] | {"omega": [2.5, 2.6, 2.7]}
+    ds = open_sweep(sweeps.run_sweep(scene, "both.h5"))
+    for draw, at in ((plotting.bifurcation, {}), (plotting.section, {"direction": "down"})):
+        figure, same = (draw(data, at=at) for data in (ds, ds.transpose("omega", ...)))
+        assert figure.get_suptitle() == same.get_suptitle()
+        drawn = [
+            [line.get_xydata().tolist() for line in each.axes[0].lines] for each in (figure, same)
+        ]
+        assert str(drawn[0]) == str(drawn[1])
+    assert "followed down along" in plotting.section(ds.isel(direction=1)).get_suptitle()
+    with pytest.raises(Refused, match="has no coordinate direction"):
+        plotting.section(ds.isel(direction=1, drop=True))
+
+
+def test_threads_take_turns_to_draw(loaded):
+    """They share matplotlib's settings and its reader of formulas."""
+    before = dict(mpl.rcParams)
+    pages = [Page(grey=grey) for grey in (False, True)] * 4
+
+    def colour(page):
+        figure = plotting.section(loaded["map"], page=page)
+        figure.savefig(BytesIO())
+        return figure.axes[0].lines[0].get_color()
+
+    with ThreadPoolExecutor(4) as pool:
+        colours = list(pool.map(colour, pages))
+    assert colours == colours[:2] * 4 and colours[0] != colours[1]
+    assert dict(mpl.rcParams) == before
 
 
 #: What other programs and calculations make of a Dataset.

@@ -7,7 +7,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sweeps import bifurcations, branches, integrity, knocks, open_sweep, plotting, run_sweep
+from sweeps import (
+    Refused,
+    bifurcations,
+    branches,
+    integrity,
+    knocks,
+    open_sweep,
+    plotting,
+    run_sweep,
+)
 from sweeps.opened.doors import in_si
 from sweeps.opened.opened_sweep import OpenedSweep
 from tests.helpers.commands import accepted, call, refused
@@ -81,6 +90,8 @@ def test_numbers_computed_in_python_are_drawn_over_the_axes_of_the_rig(joint):
         figure = plotting.bifurcation(ds, axes=["omega"], below=[force, ds["impulse"]])
         coloured = plotting.section(ds, color="omega")
         expected = [force.values, MASS * ds["impulse"].values]
+        with pytest.raises(Refused, match="omega and frequency: two of these are one axis"):
+            plotting.section(ds, at={"omega": 150.0, "frequency": 30.0})
     for panel, values in zip(figure.axes[1:], expected, strict=True):
         x, y = panel.lines[0].get_data()
         assert x.tolist() == linear_values(22, 41, 39).tolist() and y.tolist() == values.tolist()

@@ -64,6 +64,11 @@ def test_a_quantity_of_ones_own_is_mapped_with_its_label_and_units(dataset):
     turned = parameter_map(dataset, quantity=own(dataset).transpose())
     np.testing.assert_array_equal(turned.axes[0].collections[0].get_array(), own(dataset).values)
     assert turned.axes[1].get_xlabel() == "thrust"
+    twice = (dataset["impulse"] * 2.0).rename("twice")  # with the attributes of the impulse
+    masked = dataset["impulse"].where(dataset["R"] > 0.7)
+    given = [parameter_map(dataset, quantity=each) for each in (twice, masked, "impulse")]
+    labels = [figure.axes[1].get_xlabel() for figure in given]
+    assert labels[0] == "twice" and labels[1] == labels[2] != "impulse"
 
 
 @pytest.mark.slow
@@ -146,7 +151,8 @@ def test_numbers_from_another_program_without_attributes_are_drawn(dataset, reco
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (lambda q: q.sel(R=0.8), None),
+        (lambda q: q.mean("R"), None),
+        (lambda q: q.sel(R=0.8), "thrust is at other values of the axes"),
         (lambda q: q.isel(omega=0, R=0), "thrust is over no dimension; expected: numbers over R, "),
         (lambda q: q.expand_dims(shot=3), "thrust is over shot, R, omega; expected: numbers over"),
         (lambda q: q.assign_coords(omega=q.omega + 1.0), "thrust is at other values of the axes"),

@@ -193,22 +193,26 @@ record: {transient: 20, periods: 10, diagnostics: [period]}
 """
 
 
-def test_impacts_that_were_not_kept_are_said():
+def test_impacts_and_sections_that_are_left_out_are_said():
     """122 impacts in a period at omega = 0.2, as `simulate` counts them; 64 are kept."""
     dataset = swept(SLOW)
     turn = 2.0 * np.pi / 0.2
     motion = simulate(Oscillator(h=0.05, R=0.9, omega=0.2, f=1.0), periods=30)
     most = f"{int((motion.impact_t > 20 * turn).sum()):,}"
+    last, up_to, cut = "last 64 of", f"up to {most} impacts", dataset.isel(section=slice(-3, None))
     for figure, said, part in (
-        (plotting.bifurcation(dataset, coordinate="impact_v"), f"up to {most}", True),
+        (plotting.bifurcation(dataset, coordinate="impact_v"), f"{last} {up_to}", True),
         (plotting.bifurcation(dataset, coordinate="poincare_x"), "", False),
-        (plotting.impacts(dataset, at={"omega": 0.2}), most, False),
+        (plotting.impacts(dataset, at={"omega": 0.2}), f"{last} {most} impacts", False),
         (plotting.impacts(dataset, at={"omega": 2.3}), "", False),
-        (plotting.impacts(dataset, color="period"), f"up to {most}", False),
+        (plotting.impacts(dataset, color="period"), f"{last} {up_to}", False),
+        (plotting.impacts(dataset.isel(impact=slice(9)), color="period"), f", 9 of {up_to}", False),
         (plotting.section(dataset), "", False),
+        (plotting.section(cut), "3 of 10 sections", False),
+        (plotting.bifurcation(cut, coordinate="impact_v"), f"{last} {up_to}", True),
     ):
         title = figure.get_suptitle().replace("\N{NO-BREAK SPACE}", " ")
-        assert title.endswith(f"last 64 of {said} impacts" if said else "record 10 periods")
+        assert title.endswith(said or "record 10 periods")
         assert ("only part of a repetition (1 of 3)" in legend_texts(figure)) == part
     said = "; the file has only the last 64 of up to {} impacts of a point"
     for rows, text in (("impacts", said.format(most)), ("sections", "")):
