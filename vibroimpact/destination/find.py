@@ -305,8 +305,6 @@ def find_exact(motion, found):
         return
     near_repetitions(sections, size, memory.tried)
     cycle = sums.cycle if sums.cycle > 0 else last_return(sections)
-    if not bounded and cycle == 0 and memory.tried[MOST_REPETITIONS - 1] == 0:
-        return
     flow = flow_of(pt, grid, memory.scratch, memory.passed)
     if bounded and stays_free(flow, x, v, steady):
         put_free(found, pt, x, v, steady, size)
