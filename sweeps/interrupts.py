@@ -153,7 +153,7 @@ def raised_by_check() -> Iterator[None]:
 
 
 @contextmanager
-def signals_kept_away() -> Iterator[None]:
+def blocked_signals() -> Iterator[None]:
     """Block signals in the threads that are started in the ``with`` block, and in their processes.
 
     Ctrl-C in a terminal reaches all processes, but only this one should handle it. Windows has no

@@ -86,7 +86,7 @@ def _number(title: str, value: object, bounds: Parameter) -> float:
     number = real(value)
     if number is not None and bounds.accepts(number):
         return number
-    given = f"{title} = {input_text(value)}"
+    text = f"{title} = {input_text(value)}"
     if number is None:
         hint = ""
         if isinstance(value, (np.ndarray, Sequence)) and not isinstance(value, (str, bytes)):
@@ -94,8 +94,8 @@ def _number(title: str, value: object, bounds: Parameter) -> float:
                 "; for many points at once use vibroimpact.integrate, or for a sweep over an axis "
                 "sweeps.run_sweep"
             )
-        raise TypeError(refusal(given, bounds.allowed) + hint)
-    raise ValueError(refusal(given, bounds.allowed))
+        raise TypeError(refusal(text, bounds.allowed) + hint)
+    raise ValueError(refusal(text, bounds.allowed))
 
 
 @dataclass(frozen=True)

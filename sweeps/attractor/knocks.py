@@ -170,7 +170,7 @@ class _Attractors:
         endless = np.ones(len(states), bool)
 
         def run(points: np.ndarray, periods: int) -> Results:
-            record = self._spec.part(periods - _KNOCK_RECORD, _KNOCK_RECORD, 0, False)
+            record = self._spec.stage(periods - _KNOCK_RECORD, _KNOCK_RECORD, 0, False)
             return compute_points(record, points, None)
 
         def goes_on(rows: np.ndarray, _: int, results: Results) -> np.ndarray:

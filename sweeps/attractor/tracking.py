@@ -125,12 +125,12 @@ def _continue(
     for state in np.array_split(points, -(-points.size // _POINTS_AT_ONCE)):
         rests, worst = np.zeros(state.size, np.int64), np.full(state.size, Status.COMPUTED, np.int8)
         for length in _lengths(periods - _CLASS_PERIODS):
-            bare = replace(spec.part(0, length, 0, spec.impact == "exact"), period=False)
+            bare = replace(spec.stage(0, length, 0, spec.impact == "exact"), period=False)
             before = compute_points(bare, state, None)
             rests += _rests_of(before["rest_fraction"], before["chatters"])
             worst = worst_of(worst, before["status"])
             put_last(state, before, spec.phase)
-        record = compute_points(spec.part(0, _CLASS_PERIODS, 0, False), state, None)
+        record = compute_points(spec.stage(0, _CLASS_PERIODS, 0, False), state, None)
         rests += _rests_of(record["rest_fraction"], record["chatters"])
         share = np.maximum(before["rest_fraction"], record["rest_fraction"])
         of_both = {"rest_fraction": share, "status": np.maximum(worst, record["status"])}
@@ -244,7 +244,7 @@ def lead_to_each_other(
 ) -> np.ndarray:
     """Return the mask of the pairs of motions in which a seed from each leads to the other."""
     m, q, mask = motions["m"], motions["q"], np.zeros(len(a), bool)
-    spec = spec.part(_SEED_PERIODS, _CLASS_PERIODS, 0, False)
+    spec = spec.stage(_SEED_PERIODS, _CLASS_PERIODS, 0, False)
     at = np.flatnonzero(np.isin(m[b] / m[a], (0.5, 1.0, 2.0)) & (q[b] * m[a] == q[a] * m[b]))
     for first, second in ((a, b), (b, a)):
         if not len(at):

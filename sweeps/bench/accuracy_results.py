@@ -134,8 +134,8 @@ def of_targets(measured: pd.DataFrame) -> str:
     rows = [("error", *METHOD, "steps", "ns/period")]
     states = (measured["scene"] == main_scene(measured)) & (measured["error_kind"] == STATE)
     for target in TARGETS:
-        reached = measured[states & (measured["error"] <= target)]
-        best = reached.nsmallest(1, "seconds_per_period")
+        fastest = measured[states & (measured["error"] <= target)]
+        best = fastest.nsmallest(1, "seconds_per_period")
         if best.empty:
             rows.append((f"{target:g}", "none", "", "", ""))
         for *method, steps, tolerance in best[MEASURED_COLUMNS[2:6]].itertuples(index=False):
@@ -244,12 +244,12 @@ def _look(integrator: str, rule: str) -> dict[str, Any]:
 def _label_orders(panel: Axes, lines: pd.DataFrame) -> None:
     """Write orders at the fine ends of their lines, clear of one another and of points."""
     finest = lines.groupby(METHOD, sort=False).tail(1).dropna(subset="measured_order")
-    ends = [end for end in finest.itertuples() if (end.integrator, end.impact) in _LABELLED]
+    points = [end for end in finest.itertuples() if (end.integrator, end.impact) in _LABELLED]
     ours = lines[lines["impact"].isin(list(RULES))]
     low, high = map(math.log10, panel.get_ylim())
     height = panel.bbox.height * 72.0 / panel.figure.dpi  # [pt]
     apart, above = 9.0 / height * (high - low), math.inf
-    for last in sorted(ends, key=lambda end: -end.error):
+    for last in sorted(points, key=lambda end: -end.error):
         above = min(math.log10(last.error), above - apart)
         same_height = (np.log10(ours["error"]) - above).abs() < 0.7 * apart
         beside = ours["seconds_per_period"][same_height].max()

@@ -242,14 +242,14 @@ def _smallest_touch(method: Method) -> float:
     # Bisect for the depth, with the free flight x = cos t that starts 2.5 steps before its top.
     T = 2.0 * math.pi / STEPS
     x0, v0 = math.cos(2.5 * T), math.sin(2.5 * T)
-    missed, seen = -40.0, 40.0
+    missed, hit = -40.0, 40.0
     for _ in range(50):
-        depth = 0.5 * (missed + seen)
+        depth = 0.5 * (missed + hit)
         stop = 1.0 - depth * T * T / 8.0
         osc = Oscillator(h=0.0, R=0.8, omega=1.0, f=0.0, clearance=max(stop, x0))
         impacts = _run(method, osc, 1, x0, v0).impact_t
-        missed, seen = (missed, depth) if (impacts < 5.0 * T).any() else (depth, seen)
-    return round(seen, 9) + 0.0
+        missed, hit = (missed, depth) if (impacts < 5.0 * T).any() else (depth, hit)
+    return round(hit, 9) + 0.0
 
 
 @Failure("graze at", ".4f", TOUCH_TIME - TOUCH_STEP, TOUCH_TIME + TOUCH_STEP)

@@ -114,7 +114,7 @@ def case_tables(measured: Measured) -> str:
     """Return the results of `measure_cases` as tables."""
     at, end = f"with T = 2 pi/{STEPS_OF_PAPER}", measured.chatter.rests[0, 0]
     order = f"Order, from the times and speeds of the first {FIRST_IMPACTS} impacts"
-    parts = {}
+    texts = {}
     for title, column, digits, names in (
         (f"Deepest penetration {at}", "deepest", ".2g", PROCEDURES),
         (f"Impacts in {PERIODS} periods {at}", "impacts", "d", (*PROCEDURES, "exact")),
@@ -122,14 +122,14 @@ def case_tables(measured: Measured) -> str:
     ):
         values = measured.cases[column]
         rows = ([case, *(f"{values[case, name]:{digits}}" for name in names)] for case in CASES)
-        parts[title] = [["case", *names], *rows]
+        texts[title] = [["case", *names], *rows]
     scene = f"h = {CHATTER.h:g}, R = {CHATTER.R:g}, omega = {CHATTER.omega:g}"
     stalls = [["steps per period", "stall at t", f"before the rest at t = {end:.5f}"]]
     for steps, run in measured.stalls.items():
         stall = "none" if run.stalled_at is None else f"{run.stalled_at:.5f}"
         stalls.append([f"{steps:,}", stall, f"{end - run.t[-1]:.2g}"])
-    parts[f"Where the procedure stalls, to the letter: {scene}"] = stalls
-    return "\n".join(f"{title}\n\n{table(rows, words=1)}\n" for title, rows in parts.items())
+    texts[f"Where the procedure stalls, to the letter: {scene}"] = stalls
+    return "\n".join(f"{title}\n\n{table(rows, words=1)}\n" for title, rows in texts.items())
 
 
 _LOOKS: Mapping[str, dict[str, Any]] = {
@@ -153,8 +153,8 @@ def paper_picture(measured: Measured) -> Figure:
         for line, key in enumerate(PROCEDURES):
             look = _LOOKS[key]
             right.loglog(measured.ladder, case.errors[key], linewidth=1.0, markersize=3.5, **look)
-            place, words = (0.04, 0.26 - 0.11 * line), f"order {case.order[key]:.1f}"
-            right.text(*place, words, color=look["color"], transform=right.transAxes)
+            point, words = (0.04, 0.26 - 0.11 * line), f"order {case.order[key]:.1f}"
+            right.text(*point, words, color=look["color"], transform=right.transAxes)
         right.set_ylim(1e-6, 10.0)
     for panel in panels[:2].ravel():
         panel.tick_params(labelbottom=False)

@@ -27,7 +27,7 @@ from vibroimpact.orbits.branches import (
     without_touch,
 )
 from vibroimpact.orbits.family import ContinuationParameter, OrbitFamily
-from vibroimpact.orbits.orbit import Orbits, PeriodicOrbit, taken_twice
+from vibroimpact.orbits.orbit import Orbits, PeriodicOrbit, doubled_orbit
 from vibroimpact.orbits.periodic import OrbitError
 
 #: A branch begins at a point of another one if their values agree within this share of the range.
@@ -116,7 +116,7 @@ class BranchSet:
 
     def _has(self, orbit: PeriodicOrbit, kind: str) -> bool:
         """Whether a branch of the class that would begin at an orbit already has a point there."""
-        first = taken_twice(orbit) if kind == "flip" else orbit
+        first = doubled_orbit(orbit) if kind == "flip" else orbit
         near = _VALUE_TOLERANCE * (self.high - self.low)
         value = float(getattr(orbit.oscillator, self.parameter))
         return any(

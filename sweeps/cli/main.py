@@ -246,8 +246,8 @@ def stability(
     from sweeps.bench import failures as bench
 
     figures = bench.measure_failures()
-    for part in (bench.limit_table(), *bench.failure_tables(figures)):
-        common.say(part)
+    for text in (bench.limit_table(), *bench.failure_tables(figures)):
+        common.say(text)
     _save(csv, bench.figure_table(figures), output, bench.stability_chart, quick)
 
 

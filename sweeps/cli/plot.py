@@ -32,8 +32,8 @@ def _numbers() -> list[str]:
     from sweeps.store.variables import VARIABLES
 
     single = (None, "exponent")
-    held = [name for name, variable in VARIABLES.items() if variable.dimension in single]
-    return [*held, "mean_force", "peak_to_peak"]
+    variables = [name for name, variable in VARIABLES.items() if variable.dimension in single]
+    return [*variables, "mean_force", "peak_to_peak"]
 
 
 # Options that ``zoom`` has, too.
@@ -201,8 +201,8 @@ def plot_command(
             check_picture(figure, *read, animated=True)
         for file, figure, dataset in zip(files, figures, datasets, strict=True):
             with common.named(file):
-                part = dataset if kind == "basins" else dataset.at_values(lists)
-                draw_picture(part, figure, kind, cuts, page, csv, **options)
+                cut = dataset if kind == "basins" else dataset.at_values(lists)
+                draw_picture(cut, figure, kind, cuts, page, csv, **options)
                 for name, value in ((axis, number) for axis in lists for number in lists[axis]):
                     common.say_moved(dataset, {name: value}, "drawn")
 

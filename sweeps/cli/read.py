@@ -47,10 +47,10 @@ def integrity_command(
 
     notes = list[str]()
 
-    def find(part: OpenedSweep) -> xr.Dataset:
-        result = integrity(part)
-        alone = not result["attractors"].ndim and part.spec.impact == "exact"
-        return with_cache(knocks, notes.append)(part, result) if alone else result
+    def find(starts: OpenedSweep) -> xr.Dataset:
+        result = integrity(starts)
+        alone = not result["attractors"].ndim and starts.spec.impact == "exact"
+        return with_cache(knocks, notes.append)(starts, result) if alone else result
 
     _show_attractors(file, at, csv, json, "measuring the integrity of attractors", find)
     for note in notes:

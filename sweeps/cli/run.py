@@ -88,13 +88,13 @@ def run_command(
             ]
             common.say("\n\n".join(texts))
             return
-        drawn = [
+        to_draw = [
             path
             for config, path in zip(loaded, paths, strict=True)
             if run_and_report(config, path, quiet, threads=threads, client=client, **existing)
         ]
-    if drawn and not quiet:
-        common.say(f"next: {command('plot', *drawn)}")
+    if to_draw and not quiet:
+        common.say(f"next: {command('plot', *to_draw)}")
 
 
 def read_config(path: Path, overrides: Sequence[str] = (), *, verify: bool = False) -> SweepConfig:

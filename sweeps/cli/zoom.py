@@ -92,17 +92,17 @@ def _pieces_and_limits(
 
     limits = dict(map(_piece, texts))
     axes = {name: piece for name, piece in limits.items() if name not in ORDINATES}
-    drawn = [name for name in limits if name in ORDINATES]
-    if len(drawn) > 1 or not axes or len(limits) < len(texts):
+    names = [name for name in limits if name in ORDINATES]
+    if len(names) > 1 or not axes or len(limits) < len(texts):
         raise Refused(
             f"{' '.join(texts)} is not allowed; expected: each name once, at least one swept "
             f"axis, and at most one of {', '.join(ORDINATES)}"
         )
-    if not drawn:
+    if not names:
         return axes, coordinate, None
-    if coordinate not in (None, *drawn):
-        raise Refused(f"--coordinate {coordinate} and limits of {drawn[0]} exclude each other")
-    return axes, drawn[0], limits[drawn[0]]
+    if coordinate not in (None, *names):
+        raise Refused(f"--coordinate {coordinate} and limits of {names[0]} exclude each other")
+    return axes, names[0], limits[names[0]]
 
 
 def _check_picture(
@@ -130,11 +130,11 @@ def _check_picture(
         refuse_without_branches(coordinate or "poincare_x")
     if page.title:
         Picture(page).add_title(page.title)
-    drawn = None if coordinate is None else ORDINATES[coordinate]
-    if drawn and drawn.dimension == "impact" and not whole.record.impacts:
+    variable = None if coordinate is None else ORDINATES[coordinate]
+    if variable and variable.dimension == "impact" and not whole.record.impacts:
         raise Refused(f"the piece has no {coordinate} to draw: record.impacts is 0")
-    if drawn and drawn.diagnostic not in (None, *whole.record.diagnostics):
-        problem = f"{drawn.diagnostic} is no diagnostic of it"
+    if variable and variable.diagnostic not in (None, *whole.record.diagnostics):
+        problem = f"{variable.diagnostic} is no diagnostic of it"
         raise Refused(f"the piece has no {coordinate} to draw: {problem}")
 
 
@@ -143,10 +143,10 @@ def _outside(sweep: OpenedSweep, pieces: Mapping[str, Limits]) -> Iterator[str]:
     for name, piece in pieces.items():
         low, high = piece
         if name in sweep.axes:
-            ends = float(sweep[name].min()), float(sweep[name].max())
-            if low < ends[0] or high > ends[1]:
-                here, there = (" .. ".join(map(fewest_digits, each)) for each in (piece, ends))
-                yield f"{name} = {here} goes beyond the sweep, which has {there}"
+            limits = float(sweep[name].min()), float(sweep[name].max())
+            if low < limits[0] or high > limits[1]:
+                part, whole = (" .. ".join(map(fewest_digits, each)) for each in (piece, limits))
+                yield f"{name} = {part} goes beyond the sweep, which has {whole}"
 
 
 def _refuse_replaced(overrides: Sequence[str], axes: Iterable[str]) -> None:
@@ -167,8 +167,8 @@ def _state_before(sweep: OpenedSweep, pieces: Mapping[str, Limits]) -> dict[str,
     before = [value for value in values if (value <= low if goes_up else value >= high)]
     if not before:
         return {}
-    place = {axis: values.index(max(before) if goes_up else min(before)), "section": -1}
-    x, v = (float(sweep[name][place]) for name in ("poincare_x", "poincare_v"))
+    index = {axis: values.index(max(before) if goes_up else min(before)), "section": -1}
+    x, v = (float(sweep[name][index]) for name in ("poincare_x", "poincare_v"))
     stop = sweep.nomenclature.name("clearance")
     least = low if axis == stop else sweep[stop].item()  # a start must not be beyond the stop
     return {"x0": min(x, least), "v0": v, "phase": sweep.spec.phase} if isfinite(x) else {}
@@ -207,8 +207,8 @@ def zoomed(config: SweepConfig, pieces: Mapping[str, Limits]) -> SweepConfig:
 
 def _piece(text: str) -> tuple[str, Limits]:
     """Read a name with its limits."""
-    name, _, ends = text.partition("=")
-    piece = common.interval(ends)
+    name, _, limits = text.partition("=")
+    piece = common.interval(limits)
     if not name.strip() or piece is None:
         raise Refused(refusal(text, f"NAME={common.LIMITS}, as omega=2.71:2.76"))
     return name.strip(), piece

@@ -31,7 +31,7 @@ import numpy as np
 
 from sweeps.errors import Failed, Refused, SweepError
 from sweeps.grid import Block, Sweep, block_points
-from sweeps.interrupts import check, raised_at_once, signals_kept_away
+from sweeps.interrupts import blocked_signals, check, raised_at_once
 from sweeps.text import shortened
 from vibroimpact import __version__
 from vibroimpact.inputs import refusal
@@ -175,7 +175,7 @@ def _processes(number: int) -> Iterator[LocalCluster]:
         "distributed.worker.http.routes": [],
     }
     with dask.config.set(settings), ExitStack() as stack:
-        with signals_kept_away():
+        with blocked_signals():
             cluster = stack.enter_context(
                 LocalCluster(
                     n_workers=number,

@@ -62,9 +62,9 @@ class Controls:
         self.refused: Model | None = None  # keeps its text: to type the old one is then a change
         self.sliders: dict[str, Slider] = {}
         rows: list[LayoutDOM] = [self._parameter(name, view) for name in PARAMETERS]
-        look: Any = {"width": 74, "margin": (0, 0, 2, 0)}
+        props: Any = {"width": 74, "margin": (0, 0, 2, 0)}
         records = [
-            self._field(called, called, title=called, description=tip, **look)
+            self._field(called, called, title=called, description=tip, **props)
             for called, tip in _RECORD.items()
         ]
         self.exact = Toggle(label="exact branches", name="exact", width=114, height=26)

@@ -135,21 +135,21 @@ class PixelFigure:
         self.source = models.ColumnDataSource(columns, name=f"{name} pixels")
         #: The numbers of the picture that the browser painted last and of the one sent last.
         self.painted, self.sent = models.NumericInput(visible=False, value=0), 0
-        parts = {"pixels": self.source, "painted": self.painted}
-        self.source.js_on_change("data", models.CustomJS(args=parts, code=_PAINTED))
+        arguments = {"pixels": self.source, "painted": self.painted}
+        self.source.js_on_change("data", models.CustomJS(args=arguments, code=_PAINTED))
         self._colours = models.LinearColorMapper(palette=[_CLEAR], low=-0.5, high=0.5)
         self.figure.image("image", color_mapper=self._colours, source=self.source, level="image")
-        look = {"visible": False, "level": "overlay"}
+        props = {"visible": False, "level": "overlay"}
         self._veil = models.BoxAnnotation(
-            fill_color="white", fill_alpha=0.65, line_color=None, **look
+            fill_color="white", fill_alpha=0.65, line_color=None, **props
         )
         self._waits = models.Label(
             x=0, y=0, x_units="screen", y_units="screen", text_align="center",
-            text_baseline="middle", text_font_size="14px", padding=6,
-            background_fill_color="white", background_fill_alpha=0.85, name=f"{name} waits", **look,
+            text_baseline="middle", text_font_size="14px", padding=6, name=f"{name} waits",
+            background_fill_color="white", background_fill_alpha=0.85, **props,
         )  # fmt: skip
-        for part in (self._veil, self._waits):
-            self.figure.add_layout(part)
+        for annotation in (self._veil, self._waits):
+            self.figure.add_layout(annotation)
 
     def resize(self, side: str, pixels: int) -> None:
         """Set the width or the height of the canvas, as the browser reports it."""
@@ -207,10 +207,10 @@ class PixelFigure:
             if by or size != 1.0:
                 log = isinstance(scale, models.LogScale)
                 low, high = np.log([model.start, model.end]) if log else (model.start, model.end)
-                ends = np.array([-0.5, 0.5]) * size + 0.5 + by
-                ends = low + (high - low) * ends
+                limits = np.array([-0.5, 0.5]) * size + 0.5 + by
+                limits = low + (high - low) * limits
                 least, most = model.bounds or (None, None)
-                start, end = np.clip(np.exp(ends) if log else ends, least, most).tolist()
+                start, end = np.clip(np.exp(limits) if log else limits, least, most).tolist()
                 model.update(start=start, end=end)
 
     def set_colours(self, colours: Sequence[str]) -> None:
@@ -267,7 +267,7 @@ class Worker(ThreadPoolExecutor):
         self._stale, self._closed = np.zeros((2, 1), np.int64)
         #: The result that each place holds, and those that it waits for, by their keys.
         self._done: dict[str, Any] = {}
-        self._wanted: dict[str, list[Any]] = {}
+        self._requested: dict[str, list[Any]] = {}
         #: The current step: its name, whether it is the first of that name, and its start time.
         self.busy: tuple[str, bool, float] | None = None
 
@@ -277,16 +277,16 @@ class Worker(ThreadPoolExecutor):
         The first step of a name is not cancelled, because it compiles.
         """
         self._stale[0] = 1
-        self._wanted = {}
+        self._requested = {}
         for step in steps:
-            self._wanted.setdefault(step.name, []).append(step.key)
+            self._requested.setdefault(step.name, []).append(step.key)
         if not self._closed[0]:
             self._stale = np.zeros(1, np.int64)
             self.submit(self._take_all, steps, self._stale)
 
     def is_late(self, name: str) -> bool:
         """Whether a place does not hold what the newest request is for."""
-        return self._done.get(name) not in self._wanted.get(name, [])
+        return self._done.get(name) not in self._requested.get(name, [])
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = True) -> None:
         """Cancel all steps, and end the thread."""

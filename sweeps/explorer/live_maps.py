@@ -37,7 +37,7 @@ from vibroimpact.status import Status
 #: odd multiple of the next, so that the middle of a cell is also the middle of a smaller cell.
 _STRIDES = (27, 9, 3, 1)
 #: A map is shown at least this many times until it is complete.
-_SHOWN = 20
+_PICTURES = 20
 #: Names are placed on every so many columns and rows, as soon as these are computed.
 _NAMED = 3
 #: Height of a name and width of one of its characters, with the space around it [px].
@@ -79,15 +79,15 @@ class Filling:
         # Each level in random order, so that the shares shown meanwhile are those of the whole map.
         shuffled = np.random.default_rng(0).permutation(levels.size)
         self._order = np.lexsort((shuffled, levels))
-        every = -(-levels.size // _SHOWN)
+        every = -(-levels.size // _PICTURES)
         #: Numbers of computed points at which the map is shown.
         self.stops = sorted({*np.cumsum(np.bincount(levels)), *range(every, levels.size, every)})
         self._done, self._seconds = 0, 0.0
         self._status = np.full(levels.size, Status.PENDING)
         self._classes = {name: np.zeros(levels.size, MOTION[name]) for name in _CLASS}
         #: A motion on each attractor found, and the attractor of each start.
-        self._found = np.empty(0, MOTION)
-        self._reached = np.full(levels.size, -1)
+        self._attractor_motions = np.empty(0, MOTION)
+        self._attractors = np.full(levels.size, -1)
 
     def advance(self, stop: int) -> Tiles:
         """Continue until `stop` points are computed, also after an earlier call was cancelled."""
@@ -110,12 +110,12 @@ class Filling:
 
     def _group(self, at: np.ndarray, motions: np.ndarray) -> None:
         """Assign the motions of starts to the attractors found before, or to new ones."""
-        both = np.concatenate([self._found, motions])
-        of_each, reached = attractors_of(both, np.zeros(both.size, int), self.config.sweep.spec)
-        before, now = np.split(reached, [-at.size])
-        self._reached = np.append(before, -1)[self._reached]
-        self._reached[at] = now
-        self._found = both[of_each]
+        both = np.concatenate([self._attractor_motions, motions])
+        of_each, attractors = attractors_of(both, np.zeros(both.size, int), self.config.sweep.spec)
+        before, now = np.split(attractors, [-at.size])
+        self._attractors = np.append(before, -1)[self._attractors]
+        self._attractors[at] = now
+        self._attractor_motions = both[of_each]
 
     def _tiles(self) -> Tiles:
         """Colour the computed points by the kinds that `plot` uses."""
@@ -127,9 +127,9 @@ class Filling:
             cells = basin_cells(table, classes, looks, self.config.nomenclature)
             for i, row in enumerate(looks.split(table)[0]):
                 if self._done == self._order.size and row.regime in COUNTED:
-                    disc, said = self._disc(cells[i].where)
+                    disc, radius = self._disc(cells[i].where)
                     discs.append(disc)
-                    cells[i] = cells[i]._replace(name=f"{cells[i].name}; {said}")
+                    cells[i] = cells[i]._replace(name=f"{cells[i].name}; {radius}")
         else:
             cells = period_cells(*self._classes.values(), hatched=False)
             classes, names = class_numbers(*self._classes.values())
@@ -138,25 +138,25 @@ class Filling:
             if count := np.count_nonzero(cell.where):
                 kinds.append((without_tex(cell.label), cell.look.colour, float(count) / self._done))
                 pixels[cell.where.ravel()] = len(kinds)
-        placed = self._placed(classes, names)
+        region_names = self._region_names(classes, names)
         return Tiles(
-            self.config, kinds, _filled(self._as_seen(pixels)), placed, discs, self._done,
+            self.config, kinds, _filled(self._raster(pixels)), region_names, discs, self._done,
             self._seconds,
         )  # fmt: skip
 
-    def _as_seen(self, values: np.ndarray) -> np.ndarray:
+    def _raster(self, values: np.ndarray) -> np.ndarray:
         """Return the values of the points, shape (rows, columns)."""
         grid = self.config.sweep.grid
         values = values.reshape(grid.shape)
         return values.T if next(iter(grid.axes)) == self._x else values
 
-    def _placed(self, classes: np.ndarray, names: dict[int, str]) -> list[Name]:
+    def _region_names(self, classes: np.ndarray, names: dict[int, str]) -> list[Name]:
         """Return the names of the regions of a map; none until enough of it is computed."""
         from sweeps.plotting.names import placed_names
 
-        seen = self._as_seen(classes)
-        rows, columns = (_middles_of_cells(size, _NAMED) for size in seen.shape)
-        computed = self._as_seen(self._status != Status.PENDING)[np.ix_(rows, columns)]
+        grid = self._raster(classes)
+        rows, columns = (_middles_of_cells(size, _NAMED) for size in grid.shape)
+        computed = self._raster(self._status != Status.PENDING)[np.ix_(rows, columns)]
         if not computed.all():
             return []
 
@@ -166,24 +166,24 @@ class Filling:
 
         return [
             (name, int(columns[column]), int(rows[row]), upright)
-            for name, row, column, upright in placed_names(seen[np.ix_(rows, columns)], names, box)
+            for name, row, column, upright in placed_names(grid[np.ix_(rows, columns)], names, box)
         ]
 
     def _disc(self, basin: np.ndarray) -> tuple[Disc, str]:
         """Return the largest disc in a basin, and its radius for the name of cells."""
-        grid, basin = self.config.sweep.grid, self._as_seen(basin).T
+        grid, basin = self.config.sweep.grid, self._raster(basin).T
         x, v, p, stop = grid.axes["x0"], grid.axes["v0"], grid.fixed["p"], grid.fixed["clearance"]
         corner = np.array([[x[0], v[0]]])
         radius, *centre, at_edge, _, _ = measures_of(basin, x, v, 1.0 / p, stop, corner)
         disc = centre[0], centre[1], 2.0 * radius, 2.0 * radius * p
         number, unit = with_unit(as_variable("x0", self.config.nomenclature), radius)
-        said = f"disc {'>= ' if at_edge else ''}{number:.3g} {unit}".rstrip()
-        return disc, said.replace("%", "%%")
+        text = f"disc {'>= ' if at_edge else ''}{number:.3g} {unit}".rstrip()
+        return disc, text.replace("%", "%%")
 
     def _ranked(self) -> tuple[list[AttractorRow], np.ndarray]:
         """Return the attractors by decreasing share, renumbered, and the number of each start."""
-        motions = self._found
-        counts = np.bincount(self._reached + 1, minlength=len(motions) + 1)[1:]
+        motions = self._attractor_motions
+        counts = np.bincount(self._attractors + 1, minlength=len(motions) + 1)[1:]
         order = np.argsort(-counts, kind="stable")
         aperiodic = motions["regime"] != Regime.PERIODIC
         number = np.empty(len(order), int)
@@ -197,7 +197,7 @@ class Filling:
             )
             for i in order.tolist()
         ]
-        return table, np.append(number, -1)[self._reached]
+        return table, np.append(number, -1)[self._attractors]
 
 
 def _middles_of_cells(size: int, stride: int) -> np.ndarray:
@@ -232,12 +232,12 @@ class Map(PixelFigure):
         #: The points of the last view, partly or completely computed.
         self.filling: Filling | None = None
         self.figure.grid.visible = False
-        self._marks = [Span(dimension=way, line_color="white") for way in ("height", "width")]
-        for mark in self._marks:
-            self.figure.add_layout(mark)
+        self._lines = [Span(dimension=side, line_color="white") for side in ("height", "width")]
+        for line in self._lines:
+            self.figure.add_layout(line)
         self.discs = ColumnDataSource({column: [] for column in _DISC}, name=f"{name} discs")
-        look = {"fill_alpha": 0.0, "line_color": "black"}
-        self.figure.ellipse(*_DISC, source=self.discs, **look)
+        props = {"fill_alpha": 0.0, "line_color": "black"}
+        self.figure.ellipse(*_DISC, source=self.discs, **props)
         self.names = ColumnDataSource(
             {column: [] for column in ("x", "y", "text", "angle")}, name=f"{name} names"
         )
@@ -258,11 +258,11 @@ class Map(PixelFigure):
 
     def show(self, view: View) -> None:
         """Set the axes and the mark."""
-        for side, mark, (name, window) in zip(
-            "xy", self._marks, view.plane(self._tab), strict=True
+        for side, line, (name, window) in zip(
+            "xy", self._lines, view.plane(self._tab), strict=True
         ):
             self.set_axis(side, name, view, window)
-            mark.update(location=view.values[name], visible=view.marked)
+            line.update(location=view.values[name], visible=view.marked)
 
     def steps(self, view: View) -> list[Step]:
         """Return the steps that draw a view from coarse to fine."""

@@ -118,8 +118,8 @@ class LivePage:
             for title, about, picture in zip(_TABS, abouts, self._pictures, strict=True)
         ]
         # Part of the controls is seen below, and a finger beside the plot moves the page.
-        part = narrow(flex="none", height="75vh")
-        return Tabs(tabs=panels, sizing_mode="stretch_both", name="tabs", stylesheets=[part])
+        style = narrow(flex="none", height="75vh")
+        return Tabs(tabs=panels, sizing_mode="stretch_both", name="tabs", stylesheets=[style])
 
     def _connect(self) -> None:
         """Connect the figures, the address, the keys and the connection to the page."""
@@ -188,8 +188,8 @@ class LivePage:
     def _show(self) -> None:
         """Set all parts of the page to the view, and request its pictures."""
         self._showing = True
-        for part in (self.controls, *self._pictures, self.branches, self.motion):
-            part.show(self.view)
+        for each in (self.controls, *self._pictures, self.branches, self.motion):
+            each.show(self.view)
         self._tabs.active, self._across.value = self.view.tab, self.view.across
         self._showing = False
         self._address.title = self.view.query()

@@ -52,18 +52,18 @@ def window_around(name: str, values: Mapping[str, float], nomenclature: Nomencla
     model = _model_values(values, nomenclature)
     value, (length, rate) = model[name], _scales(model)
     if name in ("omega", "p"):
-        ends = 0.5 * value, 2.0 * value
+        limits = 0.5 * value, 2.0 * value
     elif PARAMETERS[name].low == 0.0:
         scales = {"h": rate, "f": length * rate * rate, "a": length, "phase": 2.0 * math.tau}
         least = 0.5 * scales.get(name, 1.0)
-        ends = 0.0, min(max(least, 2.0 * value), PARAMETERS[name].high)
+        limits = 0.0, min(max(least, 2.0 * value), PARAMETERS[name].high)
     elif name == "x0":
-        ends = min(value, model["clearance"] - 3.0 * length), model["clearance"]
+        limits = min(value, model["clearance"] - 3.0 * length), model["clearance"]
     else:
         around = max(abs(value), 2.0 * length * (rate if name == "v0" else 1.0))
         least = model["x0"] if name == "clearance" else -math.inf
-        ends = max(value - around, least), value + around
-    low, high = (float(nomenclature.value(name, end)) for end in ends)
+        limits = max(value - around, least), value + around
+    low, high = (float(nomenclature.value(name, limit)) for limit in limits)
     return low, high
 
 
@@ -120,8 +120,8 @@ class View:
 
         def window(name: str) -> Window:
             """Return the range of an axis, or a default window for a fixed parameter."""
-            ends = axes[name].low, axes[name].high
-            low, high = (float(nomenclature.value(name, end)) for end in ends)
+            limits = axes[name].low, axes[name].high
+            low, high = (float(nomenclature.value(name, limit)) for limit in limits)
             return (low, high) if low < high else window_around(name, values, nomenclature)
 
         record = config.record.model_dump(include=set(RECORD_FIELDS))
@@ -177,8 +177,8 @@ class View:
             middle = self.values[name] if self.values[name] > 0.0 else 1.0
             return 0.1 * middle, min(10.0 * middle, PARAMETERS[name].high)
         axis, (low, high) = other  # every start must be in front of every stop
-        ends = {"x0": {"x0": high}, "clearance": {"clearance": low}}.get(axis, {})
-        return window_around(name, {**self.values, **ends}, self.nomenclature)
+        limits = {"x0": {"x0": high}, "clearance": {"clearance": low}}.get(axis, {})
+        return window_around(name, {**self.values, **limits}, self.nomenclature)
 
     def diagram(self, columns: int, diagnostics: tuple[str, ...] = ()) -> SweepConfig:
         """Return the sweep of the diagram with `columns` values of the axis."""
@@ -311,8 +311,8 @@ def window_bounds(
         low = min(float(view.nomenclature.value(name, 1e-3 * rate)), window[0])
     low = view.values["x0"] if name == "clearance" else low
     high = view.values["clearance"] if name == "x0" else parameter.high
-    ends = (low if math.isfinite(low) else None, high if math.isfinite(high) else None)
-    return None if ends == (None, None) else ends
+    limits = (low if math.isfinite(low) else None, high if math.isfinite(high) else None)
+    return None if limits == (None, None) else limits
 
 
 def write_yaml(view: View, config: SweepConfig, folder: Path) -> Path:

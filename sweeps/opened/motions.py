@@ -70,7 +70,7 @@ def run_on(
     Returns the states at the next sections, shape (n, periods, 2), and the phases and speeds of the
     last impacts, shape (n, impacts, 2).
     """
-    spec = replace(spec.part(0, periods, impacts, False), period=False)
+    spec = replace(spec.stage(0, periods, impacts, False), period=False)
     points = points.copy()
     points["phase"] = spec.phase
     results = compute_points(spec, points, None)

@@ -130,32 +130,33 @@ def kind_of(sums):
 
 
 @inlined
-def put(found, orbit, pt, multiplier, off, proof):
+def put(destination, orbit, pt, multiplier, off, proof):
     """Write a destination."""
-    found.m, found.q, found.evidence = orbit.m, orbit.q, proof
-    found.x, found.v = from_dimensionless(orbit.y, orbit.w, pt.clearance, pt.omega)
-    found.multiplier, found.distance = multiplier, off
+    destination.m, destination.q, destination.evidence = orbit.m, orbit.q, proof
+    destination.x, destination.v = from_dimensionless(orbit.y, orbit.w, pt.clearance, pt.omega)
+    destination.multiplier, destination.distance = multiplier, off
 
 
 @jit
-def put_repetition(found, sections, m, off, multiplier, q):
+def put_repetition(destination, sections, m, off, multiplier, q):
     """Write that a record repeats after m periods."""
     last = sections.shape[0] - 1
-    found.m, found.q, found.evidence = m, q, _REPEATS
-    found.x, found.v = sections[last, 0], sections[last, 1]
-    found.multiplier, found.distance = multiplier, off
+    destination.m, destination.q, destination.evidence = m, q, _REPEATS
+    destination.x, destination.v = sections[last, 0], sections[last, 1]
+    destination.multiplier, destination.distance = multiplier, off
 
 
 @jit
-def put_free(found, pt, x, v, steady, size):
+def put_free(destination, pt, x, v, steady, size):
     """Write that a motion goes from a section to the free oscillation."""
     off = max(abs(x - steady[0]) / size[0], abs(v - steady[1]) / size[1])
-    found.m, found.q, found.x, found.v = 1, 0, steady[0], steady[1]
-    found.multiplier, found.distance, found.evidence = free_multiplier(pt), off, _FREE
+    destination.m, destination.q, destination.x, destination.v = 1, 0, steady[0], steady[1]
+    destination.multiplier, destination.distance = free_multiplier(pt), off
+    destination.evidence = _FREE
 
 
 @jit
-def judge(flow, y, w, m, size, found):
+def judge(flow, y, w, m, size, destination):
     """Judge the orbit of m periods near a motion; return whether the motion goes there.
 
     To the free oscillation goes only a motion of which that is proved.
@@ -164,14 +165,14 @@ def judge(flow, y, w, m, size, found):
     if orbit.m == 0:
         return False
     if not greatest_multiplier(orbit.J)[0] < GREATEST_STABLE:
-        found.evidence = max(found.evidence, _UNSTABLE)
+        destination.evidence = max(destination.evidence, _UNSTABLE)
         orbit = nearer_section(flow, doubled(flow, orbit, size), y, w, size)
         if orbit.m == 0:
             return False
     proof = evidence(flow, orbit, y, w, size) if orbit.q > 0 else _UNREACHED
-    if proof > found.evidence:
+    if proof > destination.evidence:
         off = distance(y, w, orbit, size)
-        put(found, orbit, flow.pt, greatest_multiplier(orbit.J)[0], off, proof)
+        put(destination, orbit, flow.pt, greatest_multiplier(orbit.J)[0], off, proof)
     return proof > _UNREACHED
 
 
@@ -189,7 +190,7 @@ def nearer_section(flow, orbit, y, w, size):
 
 
 @jit
-def judge_cycle(motion, found):
+def judge_cycle(motion, destination):
     """Judge a motion that came back to the same bits by its record alone; return whether that does.
 
     Its multiplier is NaN: it is not computed, not even 0 after a rest or 1 without dissipation.
@@ -201,9 +202,9 @@ def judge_cycle(motion, found):
     if m == 0 or not sure or is_coarse(sections, pt):
         return False
     if rests and not rests_alike_exactly(motion, m):
-        found.evidence = _UNSTABLE
+        destination.evidence = _UNSTABLE
         return True
-    put_repetition(found, sections, m, 0.0, math.nan, sums.cycle_impacts * m // sums.cycle)
+    put_repetition(destination, sections, m, 0.0, math.nan, sums.cycle_impacts * m // sums.cycle)
     return True
 
 
@@ -240,7 +241,7 @@ def is_neutral(pt, kind):
 
 
 @jit
-def judge_exact_repetition(flow, motion, m, off, size, found):
+def judge_exact_repetition(flow, motion, m, off, size, destination):
     """Judge a motion that repeats exactly after m periods: it is neutral, rests, or came back.
 
     It came back to the same bits if it is `off` by nothing.
@@ -259,36 +260,36 @@ def judge_exact_repetition(flow, motion, m, off, size, found):
             return
         stable = neutral or rests_alike_exactly(motion, m)
     if not stable:
-        found.evidence = _UNSTABLE
+        destination.evidence = _UNSTABLE
         return
     released = smooth and kind == _RESTS
-    if released and judge(flow, y, w, m, size, found):
+    if released and judge(flow, y, w, m, size, destination):
         return
     if off == 0.0:
         q = sums.cycle_impacts * m // sums.cycle
-        put_repetition(found, sections, m, off, math.nan, q)
+        put_repetition(destination, sections, m, off, math.nan, q)
         if released:
-            found.evidence = _RELEASED
+            destination.evidence = _RELEASED
     elif neutral or not smooth:
         q = replay(flow, y, w, m, True)[2]
-        put_repetition(found, sections, m, off, 1.0 if neutral else 0.0, q)
+        put_repetition(destination, sections, m, off, 1.0 if neutral else 0.0, q)
 
 
 @jit
-def judge_repetition(flow, sections, kind, m, size, found):
+def judge_repetition(flow, sections, kind, m, size, destination):
     """Judge a dissipative motion whose record repeats after m periods, without rests."""
     y, w = section_state(flow.pt, sections, sections.shape[0] - 1)
     dy, dw, J, q = correction(flow, y, w, m, size)
     greatest, _ = greatest_multiplier(J)
     off = max(abs(dy), abs(dw))
     if kind == _IMPACTS and q > 0 and greatest < _CLEARLY_STABLE and off <= TOLERANCE:
-        put_repetition(found, sections, m, off, greatest, q)
+        put_repetition(destination, sections, m, off, greatest, q)
     else:
-        judge(flow, y, w, m, size, found)
+        judge(flow, y, w, m, size, destination)
 
 
 @jit
-def find_exact(motion, found):
+def find_exact(motion, destination):
     """Find the destination of one motion with exact impacts."""
     pt, sections, sums, scheme, memory = motion
     kind, grid = kind_of(sums), scheme.grid
@@ -297,17 +298,17 @@ def find_exact(motion, found):
     steady = steady_response(pt, grid.table[SIN, 0], grid.table[COS, 0])
     bounded = pt.h > 0.0 and steady[2] < pt.clearance
     free = bounded and excess(pt, x, v, steady) < 0.0
-    if not free and judge_cycle(motion, found):
+    if not free and judge_cycle(motion, destination):
         return
     size = size_of(sections, pt, False)
     if free:
-        put_free(found, pt, x, v, steady, size)
+        put_free(destination, pt, x, v, steady, size)
         return
     near_repetitions(sections, size, memory.tried)
     cycle = sums.cycle if sums.cycle > 0 else last_return(sections)
     flow = flow_of(pt, grid, memory.scratch, memory.passed)
     if bounded and stays_free(flow, x, v, steady):
-        put_free(found, pt, x, v, steady, size)
+        put_free(destination, pt, x, v, steady, size)
         return
     y, w = section_state(pt, sections, last)
     if cycle > sums.cycle:
@@ -319,18 +320,18 @@ def find_exact(motion, found):
     units = size[0], size[1] / pt.omega
     neutral = is_neutral(pt, kind)
     if m > 0 and (off == 0.0 or kind == _RESTS or neutral):
-        judge_exact_repetition(flow, motion, m, off, units, found)
+        judge_exact_repetition(flow, motion, m, off, units, destination)
     elif m > 0:
-        judge_repetition(flow, sections, kind, m, units, found)
+        judge_repetition(flow, sections, kind, m, units, destination)
     elif not neutral:
         for k in range(MOST_REPETITIONS):
             m = memory.tried[k]
-            if m > 0 and judge(flow, y, w, m, units, found):
+            if m > 0 and judge(flow, y, w, m, units, destination):
                 return
 
 
 @jit
-def find_repetition(motion, found):
+def find_repetition(motion, destination):
     """Find after how many periods a record repeats, which is all that other rules show."""
     pt, sections, sums = motion.pt, motion.sections, motion.sums
     kind = kind_of(sums)
@@ -348,8 +349,8 @@ def find_repetition(motion, found):
     released = q >= 0 and kind == _RESTS and not sums.cycle_rests
     if kind == _RESTS and not released:
         if not rests_alike(motion, m, False):
-            found.evidence = _UNSTABLE
+            destination.evidence = _UNSTABLE
             return
-    put_repetition(found, sections, m, off, math.nan, q)
+    put_repetition(destination, sections, m, off, math.nan, q)
     if released:
-        found.evidence = _RELEASED
+        destination.evidence = _RELEASED

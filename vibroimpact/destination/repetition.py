@@ -143,13 +143,13 @@ def repetition_of_cycle(sections, cycle, impacts, pt):
 
 
 @jit
-def near_repetitions(sections, size, found):
-    """List in `found`, shape (MOST_REPETITIONS,), the m of near repetitions; 0 for none.
+def near_repetitions(sections, size, periods):
+    """List in `periods`, shape (MOST_REPETITIONS,), the m of near repetitions; 0 for none.
 
     Listed are numbers of periods for which the last sections deviate by less than half as much as
     for every smaller number: of these the best, in increasing order.
     """
-    found[:] = 0
+    periods[:] = 0
     last, least = sections.shape[0] - 1, 2.0 * _NEARLY
     for m in range(1, min(LONGEST_PERIOD, last) + 1):
         off = 0.0
@@ -160,8 +160,8 @@ def near_repetitions(sections, size, found):
         if off < 0.5 * least:
             least = off
             for i in range(MOST_REPETITIONS - 1):
-                found[i] = found[i + 1]
-            found[MOST_REPETITIONS - 1] = m
+                periods[i] = periods[i + 1]
+            periods[MOST_REPETITIONS - 1] = m
 
 
 #: The motions beside another have a p that differs by this share: some ten times its rounding.

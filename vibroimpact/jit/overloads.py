@@ -35,14 +35,14 @@ class CompiledCode:
         If another process is compiling it, this one waits for it. Afterwards the form is this
         process's to compile, until `release`.
         """
-        kept = self._loaded(signature, context)
-        if kept is None:
+        stored = self._loaded(signature, context)
+        if stored is None:
             self._claim = claimed(self._path(self._key(signature, context.codegen())))
-            kept = self._loaded(signature, context)
-            if kept is None:
+            stored = self._loaded(signature, context)
+            if stored is None:
                 context.refresh()
-            tell("" if kept else COMPILING, self._function.__name__)
-        return kept
+            tell("" if stored else COMPILING, self._function.__name__)
+        return stored
 
     def release(self) -> None:
         """Give up the form that this process has claimed, if any."""
@@ -72,11 +72,11 @@ class CompiledCode:
         if data is None:
             return None
         try:
-            kept_key, kept = pickle.loads(data)
-            if kept_key != key:
+            stored_key, stored = pickle.loads(data)
+            if stored_key != key:
                 return None
             rtsys.initialize(context)
-            return CompileResult._rebuild(context, *kept)
+            return CompileResult._rebuild(context, *stored)
         except MemoryError:  # to compile takes more of it
             raise
         except Exception as error:  # although the file is intact, and of this code and Python

@@ -50,11 +50,11 @@ class NumbaWarning(UserWarning):
 
 def _chosen() -> Way:
     """Return the way of this process."""
-    asked = os.environ.get(_VARIABLE, "")
-    asked = "plain" if asked == "0" else asked
-    lacking = "" if asked in ("options", "plain") else _lacking()
-    if asked in WAYS and not lacking:
-        return Way(asked, f"{_VARIABLE}={asked}")
+    name = os.environ.get(_VARIABLE, "")
+    name = "plain" if name == "0" else name
+    lacking = "" if name in ("options", "plain") else _lacking()
+    if name in WAYS and not lacking:
+        return Way(name, f"{_VARIABLE}={name}")
     if numba.__version__.rpartition(".")[0] in TRIED and not lacking:
         return Way("private", "this version was tried")
     return _checked_way(lacking)
@@ -72,13 +72,13 @@ def _lacking() -> str:
 def _checked_way(lacking: str) -> Way:
     """Return the fastest way that holds here, which is checked once and then stored."""
     processor = llvmlite.binding.get_host_cpu_name()
-    here = (NUMERICS, numba.__file__, llvmlite.__version__, sys.version, processor, lacking)
-    kept = root() / "numba" / hashlib.sha256(repr(here).encode()).hexdigest()[:24]
-    if (known := read(kept)) is not None:
-        return Way(*known.decode().split("\n"))
+    machine = (NUMERICS, numba.__file__, llvmlite.__version__, sys.version, processor, lacking)
+    path = root() / "numba" / hashlib.sha256(repr(machine).encode()).hexdigest()[:24]
+    if (stored := read(path)) is not None:
+        return Way(*stored.decode().split("\n"))
     way = _fastest(lacking)
     with suppress(OSError):
-        write(kept, "\n".join(way).encode())
+        write(path, "\n".join(way).encode())
     warnings.warn(f"numba {numba.__version__} is used {way}", NumbaWarning, stacklevel=2)
     return way
 
@@ -105,7 +105,7 @@ def _why_it_fails(name: str) -> str:
         }
         for expected in (f"{name} compiled", f"{name} loaded"):
             try:
-                done = subprocess.run(
+                process = subprocess.run(
                     [sys.executable, "-P", "-c", program],
                     env=environment,
                     stdin=subprocess.DEVNULL,
@@ -116,9 +116,9 @@ def _why_it_fails(name: str) -> str:
                 )
             except (OSError, subprocess.SubprocessError) as error:
                 return type(error).__name__
-            if done.returncode != 0 or done.stdout.strip() != expected:
-                told = (done.stderr or done.stdout).strip().splitlines()
-                return told[-1][:100] if told else f"its process ended with {done.returncode}"
+            if process.returncode != 0 or process.stdout.strip() != expected:
+                lines = (process.stderr or process.stdout).strip().splitlines()
+                return lines[-1][:100] if lines else f"its process ended with {process.returncode}"
     return ""
 
 

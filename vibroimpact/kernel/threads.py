@@ -76,7 +76,7 @@ class Search(NamedTuple):
     sections: np.ndarray  #: Of their records, which are complete.
     sums: np.ndarray
     scheme: Scheme
-    found: np.ndarray  #: Receives where each motion goes; of dtype ``DESTINATION``.
+    destinations: np.ndarray  #: Receives where each motion goes; of dtype ``DESTINATION``.
     claimed: np.ndarray  #: As in a ``KernelJob``.
     interrupt: np.ndarray
 
@@ -147,7 +147,7 @@ def find_all(search, memory, find):
             motion = Motion(
                 search.points[row], search.sections[row], search.sums[row], search.scheme, memory
             )
-            find(motion, search.found[row])
+            find(motion, search.destinations[row])
         row = claim(search.claimed)
 
 
@@ -172,13 +172,13 @@ def find_on_threads(
     interrupt: np.ndarray,
 ) -> np.ndarray:
     """Find where every motion of a record goes; returns dtype ``DESTINATION``, (n,)."""
-    found, claimed = np.full(points.size, NO_DESTINATION), np.zeros(1, np.int64)
-    search = Search(points, sections, sums, scheme, found, claimed, interrupt)
+    destinations, claimed = np.full(points.size, NO_DESTINATION), np.zeros(1, np.int64)
+    search = Search(points, sections, sums, scheme, destinations, claimed, interrupt)
     find = find_all_exact if scheme.method[0] == EXACT else find_all_repetitions
     work = compiled(find, search, _new_memory())
     threads = min(threads, max(1, -(-points.size // FEWEST_LANES)))
     on_threads(threads, interrupt, lambda: work(search, _new_memory()))
-    return found
+    return destinations
 
 
 def _new_memory() -> Memory:
@@ -199,5 +199,6 @@ def compile_search(*, begin: bool = False) -> None:
     if begin:
         translate(rests_alike_exactly, Motion(points[0], sections[0], sums[0], scheme, memory), 1)
         return
-    found = np.full(1, NO_DESTINATION)
-    compiled(find_all_exact, Search(points, sections, sums, scheme, found, flag, flag), memory)
+    destinations = np.full(1, NO_DESTINATION)
+    search = Search(points, sections, sums, scheme, destinations, flag, flag)
+    compiled(find_all_exact, search, memory)

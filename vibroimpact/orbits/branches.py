@@ -26,11 +26,11 @@ from vibroimpact.orbits.family import (
 from vibroimpact.orbits.orbit import (
     Orbits,
     PeriodicOrbit,
+    doubled_orbit,
     free_amplitude,
     free_orbit,
     orbit_of,
     repeats_freely,
-    taken_twice,
 )
 from vibroimpact.orbits.periodic import OrbitError, least, refuse_inadmissible, refuse_long
 from vibroimpact.orbits.singular_ends import doubling
@@ -150,11 +150,11 @@ class Branch:
         if self.q == 0:
             return [free_orbit(osc)] if away.min() <= 0.0 <= away.max() else []
         exact, crossed = away == 0.0, np.append(away[:-1] * away[1:] < 0.0, False)
-        there = [
+        impacts_at = [
             (self.phases[i], self.speeds[i]) if exact[i] else self._between(i, value)
             for i in np.flatnonzero(exact | crossed).tolist()
         ]
-        orbits = [orbit_of(osc, self.m, *impacts) for impacts in there if impacts]
+        orbits = [orbit_of(osc, self.m, *impacts) for impacts in impacts_at if impacts]
         # At the flip where a branch ends, its orbit is that of half the period, taken twice.
         return [orbit for orbit in orbits if least(orbit) is orbit]
 
@@ -227,7 +227,7 @@ def doubled_branch(orbit: PeriodicOrbit, parameter: str, low: float, high: float
     """Follow the orbits of twice the period that begin at the flip of an orbit; as `branch`."""
     axis = ContinuationParameter.of(orbit.oscillator, parameter, low, high)
     single = OrbitFamily(orbit, (axis,))
-    family = OrbitFamily(taken_twice(orbit), (axis,))
+    family = OrbitFamily(doubled_orbit(orbit), (axis,))
     return as_branch(one_way(family, *doubling(single, single.start)))
 
 
@@ -265,10 +265,10 @@ def refuse_natural(graze: PeriodicOrbit) -> None:
 
 def without_touch(orbit: PeriodicOrbit) -> PeriodicOrbit:
     """Return a grazing orbit without its impact of speed zero."""
-    kept = np.arange(orbit.q) != np.argmin(orbit.speeds)
+    keep = np.arange(orbit.q) != np.argmin(orbit.speeds)
     if orbit.q == 1:
         return free_orbit(orbit.oscillator)
-    return least(PeriodicOrbit(orbit.oscillator, orbit.m, orbit.phases[kept], orbit.speeds[kept]))
+    return least(PeriodicOrbit(orbit.oscillator, orbit.m, orbit.phases[keep], orbit.speeds[keep]))
 
 
 def as_branch(path: Path) -> Branch:
@@ -291,26 +291,26 @@ def _free_branch(orbit: PeriodicOrbit, axis: ContinuationParameter) -> Branch:
     start = float(getattr(osc, axis.name))
     first, last = units.into(unit, (axis.low, axis.high)).tolist()
 
-    def gap_left(value: float) -> float:
-        there = replace(osc, **{axis.name: value})
-        return there.clearance - min(abs(free_amplitude(there)), _INFINITE)
+    def gap(value: float) -> float:
+        oscillator = replace(osc, **{axis.name: value})
+        return oscillator.clearance - min(abs(free_amplitude(oscillator)), _INFINITE)
 
     def end(side: np.ndarray) -> tuple[str, float]:
         """Return how the branch ends towards one side, and the last value."""
         before = start
         for value in side.tolist():
-            if not gap_left(value) > 0.0:
-                if gap_left(before) > 0.0:  # otherwise it grazes at the start, to rounding
+            if not gap(value) > 0.0:
+                if gap(before) > 0.0:  # otherwise it grazes at the start, to rounding
                     between = sorted((before, value))
-                    before = float(brentq(gap_left, *between, xtol=1e-15, rtol=1e-15))
+                    before = float(brentq(gap, *between, xtol=1e-15, rtol=1e-15))
                 return "graze", before
             before = value
         return "edge", before
 
     def special_point(kind: str, value: float) -> SpecialPoint:
-        own = replace(orbit.oscillator, **{axis.name: float(units.out_of(unit, value))})
-        there = _free_graze(own) if kind == "graze" else free_orbit(own)
-        return SpecialPoint(kind, getattr(own, axis.name), there)
+        oscillator = replace(orbit.oscillator, **{axis.name: float(units.out_of(unit, value))})
+        result = _free_graze(oscillator) if kind == "graze" else free_orbit(oscillator)
+        return SpecialPoint(kind, getattr(oscillator, axis.name), result)
 
     # The amplitude has a single extremum, at resonance, so it is monotone on both sides.
     resonance = {"omega": _resonance(osc), "p": osc.omega}

@@ -23,26 +23,26 @@ from vibroimpact.step.integrators import Parameters
 ) = range(10)  # fmt: skip
 _NO_VECTOR, _NO_ROWS = np.empty(0), np.empty((0, 0))
 
-#: A place on a path: the unknowns, the direction of the path, and the test functions there. It is a
+#: A point of a path: the unknowns, the direction of the path, and the test functions there. It is a
 #: plain tuple, since a call with one that has names takes 3 us longer.
-Place: TypeAlias = tuple[np.ndarray, np.ndarray, np.ndarray]
-_NOWHERE = _NO_VECTOR, _NO_VECTOR, _NO_ROWS
+PlainPoint: TypeAlias = tuple[np.ndarray, np.ndarray, np.ndarray]
+_NO_POINT = _NO_VECTOR, _NO_VECTOR, _NO_ROWS
 #: Number of starts per period from which the turns of a flight are sought.
 _STARTS = 16
 
 
 @jit
-def _do(task, system, here, there, points, rows, count, number, results):
-    """Do a task at a place or, for all but the first two, at each of some points."""
-    X, along, tests = here
+def _do(task, system, begin, end, points, rows, count, number, results):
+    """Do a task at a point of a path or, for all but the first two, at each of some points."""
+    X, along, tests = begin
     if task == _TESTS:
         hidden_roots.set_test_functions(system, X, along, rows, tests)
     elif task == _MAY_MISS:
-        results[0] = hidden_roots.step_may_miss(system, here, there, number)
+        results[0] = hidden_roots.step_may_miss(system, begin, end, number)
     for k in range(points.shape[0]):
         each, planes = results.size // points.shape[0], rows.shape[0] // points.shape[0]
-        own, own_planes = results[each * k : each * (k + 1)], rows[planes * k : planes * (k + 1)]
-        _do_at(task, system, points[k], own_planes, count, number, own)
+        out, plane = results[each * k : each * (k + 1)], rows[planes * k : planes * (k + 1)]
+        _do_at(task, system, points[k], plane, count, number, out)
 
 
 @jit
@@ -74,21 +74,21 @@ def _do_at(task, system, X, planes, count, number, results):
                     results[at + 1 + j], results[at + 3 + j] = A[i, row, j], B[i, row, j]
 
 
-def _done(
+def _call(
     task: int,
     system: System,
     size: int = 1,
     *,
-    here: Place = _NOWHERE,
-    there: Place = _NOWHERE,
+    begin: PlainPoint = _NO_POINT,
+    end: PlainPoint = _NO_POINT,
     points: np.ndarray = _NO_ROWS,
     rows: np.ndarray = _NO_ROWS,
     count: int = 0,
     number: float = 0.0,
 ) -> np.ndarray:
-    """Do a task at a place or at a point or points; return its results, in all at most `size`."""
+    """Do a task as `_do` does; return its results, in all at most `size`."""
     results, points = np.empty(size), np.atleast_2d(points)
-    arguments = task, system, here, there, points, rows, count, number, results
+    arguments = task, system, begin, end, points, rows, count, number, results
     if not _do.overloads:
         compiled(_do, *arguments)
     _do(*arguments)
@@ -105,12 +105,12 @@ def parameters(system: System, X: np.ndarray) -> Parameters:
 
 def correct(system: System, X: np.ndarray, planes: np.ndarray, most: int) -> np.ndarray:
     """Do what ``corrector.newton_method`` does for X, or each row of X with a plane each, (n,)."""
-    return _done(_CORRECT, system, X.size // X.shape[-1], points=X, rows=planes, count=most) > 0.0
+    return _call(_CORRECT, system, X.size // X.shape[-1], points=X, rows=planes, count=most) > 0.0
 
 
 def tangent(system: System, X: np.ndarray) -> np.ndarray:
     """Return the direction of a path, as ``corrector.set_tangent`` sets it."""
-    return _done(_TANGENT, system, X.size, points=X)
+    return _call(_TANGENT, system, X.size, points=X)
 
 
 def test_functions(
@@ -118,24 +118,24 @@ def test_functions(
 ) -> np.ndarray:
     """Return the test functions, as ``hidden_roots.set_test_functions`` sets them, (2, 2 k + 2)."""
     tests = np.empty((2, 2 * len(bounds) + 2))
-    _done(_TESTS, system, here=(X, tangent, tests), rows=bounds)
+    _call(_TESTS, system, begin=(X, tangent, tests), rows=bounds)
     return tests
 
 
-def may_miss(system: System, here: Place, there: Place, length: float) -> bool:
+def may_miss(system: System, begin: PlainPoint, end: PlainPoint, length: float) -> bool:
     """Do what ``hidden_roots.step_may_miss`` does."""
-    return bool(_done(_MAY_MISS, system, here=here, there=there, number=length)[0])
+    return bool(_call(_MAY_MISS, system, begin=begin, end=end, number=length)[0])
 
 
 def first_penetration(system: System, X: np.ndarray) -> tuple[int, float, float]:
     """Do what ``flights.find_penetration`` does."""
-    flight, phase, highest = _done(_PENETRATION, system, 3, points=X).tolist()
+    flight, phase, highest = _call(_PENETRATION, system, 3, points=X).tolist()
     return int(flight), phase, highest
 
 
 def turning_point(system: System, X: np.ndarray, i: int, phase: float) -> tuple[float, float]:
     """Do what ``flights.find_turning_point`` does."""
-    at, y = _done(_TURNING, system, 2, points=X, count=i, number=phase).tolist()
+    at, y = _call(_TURNING, system, 2, points=X, count=i, number=phase).tolist()
     return at, y
 
 
@@ -152,22 +152,22 @@ def turning_points(system: System, X: np.ndarray, i: int) -> np.ndarray:
 
 def sections(system: System, X: np.ndarray, phase: float) -> np.ndarray:
     """Return the states that ``flights.set_sections`` sets for each row of X, shape (n, m, 2)."""
-    states = _done(_SECTIONS, system, 2 * system.m * len(X), points=X, number=phase)
+    states = _call(_SECTIONS, system, 2 * system.m * len(X), points=X, number=phase)
     return states.reshape(-1, system.m, 2)
 
 
 def linearised(system: System, X: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return F, A and B of the flights (``flights.residuals``) of X or of each row of X."""
-    results = _done(_LINEARISED, system, 10 * system.q * X.size // X.shape[-1], points=X)
+    results = _call(_LINEARISED, system, 10 * system.q * X.size // X.shape[-1], points=X)
     rows = results.reshape(*X.shape[:-1], system.q, 2, 5)
     return rows[..., 0], rows[..., 1:3], rows[..., 3:]
 
 
 def multipliers(system: System, X: np.ndarray) -> np.ndarray:
     """Return the complex numbers that ``corrector.set_multipliers`` sets for each row, (n, 2)."""
-    return _done(_MULTIPLIERS, system, 4 * len(X), points=X).view(complex).reshape(-1, 2)
+    return _call(_MULTIPLIERS, system, 4 * len(X), points=X).view(complex).reshape(-1, 2)
 
 
 def null_vector(system: System, X: np.ndarray, mu: float) -> np.ndarray:
     """Return the vector that ``unknowns.set_null_vector`` sets for a multiplier, (2 q,)."""
-    return _done(_NULL_VECTOR, system, 2 * system.q, points=X, number=mu)
+    return _call(_NULL_VECTOR, system, 2 * system.q, points=X, number=mu)

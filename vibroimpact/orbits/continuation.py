@@ -65,31 +65,31 @@ _MOST_AT_END = 60
 
 def continue_branch(family: OrbitFamily, start: Point) -> Iterator[ArclengthStep]:
     """Yield the steps of a path from a point along its tangent; only the last may have length 0."""
-    here, length, way = start, _FIRST, 0.0  # the start may be where paths cross
+    point, length, orientation = start, _FIRST, 0.0  # the start may be where paths cross
     for number in range(MOST_POINTS):
-        step, way = _step(family, here, length, way)
+        step, orientation = _step(family, point, length, orientation)
         if number > 3 and not step.last and _returns(step, start):
             step = replace(step, end=start, last=True, closed=True)
         yield step
         if step.last:
             return
-        here = step.end
-        fastest = max(1.0, float(np.abs(speeds(here.X, family.q)).max()))
+        point = step.end
+        fastest = max(1.0, float(np.abs(speeds(point.X, family.q)).max()))
         length = min(1.5 * step.length, _LONGEST * fastest)
-    yield ArclengthStep(family, here, here, 0.0, last=True)
+    yield ArclengthStep(family, point, point, 0.0, last=True)
 
 
 def _step(
-    family: OrbitFamily, begin: Point, length: float, way: float
+    family: OrbitFamily, begin: Point, length: float, orientation: float
 ) -> tuple[ArclengthStep, float]:
     """Return the longest step, of at most `length`, that turns little and misses nothing.
 
-    If the orbits end within it, it is the last step and goes to the last orbit. `way` is 1 or -1,
-    as the path goes along the oriented tangents or against them, 0 if not yet known; it is also
-    returned for the end.
+    If the orbits end within it, it is the last step and goes to the last orbit. The
+    `orientation` is 1 or -1, as the path goes along the oriented tangents or against them, 0 if not
+    yet known; it is also returned for the end.
     """
     while length > _SHORTEST:
-        trial = _trial(family, begin, length, way)
+        trial = _trial(family, begin, length, orientation)
         if trial is not None:
             step, _ = trial
             ends = not step.last or step.margin < ENDS
@@ -100,15 +100,15 @@ def _step(
     margin = family.slowest(begin.X)
     if family.kind:  # on a branch, a flight that touches the stop becomes inadmissible first
         margin = min(margin, -begin.maximum)
-    return ArclengthStep(family, begin, begin, 0.0, last=True, margin=margin), way
+    return ArclengthStep(family, begin, begin, 0.0, last=True, margin=margin), orientation
 
 
 def _trial(
-    family: OrbitFamily, begin: Point, length: float, way: float
+    family: OrbitFamily, begin: Point, length: float, orientation: float
 ) -> tuple[ArclengthStep, float] | None:
     """Return a step of a length, at most to the last orbit; None if it fails, turns far or jumps.
 
-    `way` and the other result are as of `_step`.
+    `orientation` and the other result are as of `_step`.
     """
     X, along = begin.X, begin.tangent
     Y = family.corrected(X + length * along, along[None, :])
@@ -118,25 +118,25 @@ def _trial(
     cosine = family.inner(tangent, along)
     if not abs(cosine) > _LEAST_COSINE:
         return None
-    way_on = math.copysign(1.0, cosine)
-    step = ArclengthStep(family, begin, family.point(Y, way_on * tangent), length)
+    orientation_at_end = math.copysign(1.0, cosine)
+    step = ArclengthStep(family, begin, family.point(Y, orientation_at_end * tangent), length)
     reason = step.end.inadmissible
-    turned_over = length > _TURNED_OVER and way_on == -way and reason is None
+    turned_over = length > _TURNED_OVER and orientation_at_end == -orientation and reason is None
     if turned_over and not step.exchanges_halves():
         return None
     if reason is not None:
         step = to_last_orbit(step, reason)
     if length > _FINE_STEP and step.jumps():
         return None
-    return step, way_on
+    return step, orientation_at_end
 
 
 def _returns(step: ArclengthStep, start: Point) -> bool:
     """Whether a step passes the point where the path began."""
-    family, place, along = step.family, step.place(start.X), step.begin.tangent
-    if not 0.0 <= place <= 1.0:
+    family, share, along = step.family, step.share(start.X), step.begin.tangent
+    if not 0.0 <= share <= 1.0:
         return False
-    Y = family.corrected(step.begin.X + place * step.length * along, along[None, :])
+    Y = family.corrected(step.begin.X + share * step.length * along, along[None, :])
     return Y is not None and family.distance(Y, start.X) < _FINE_STEP
 
 
@@ -146,12 +146,12 @@ def margin(family: OrbitFamily, point: Point, reason: Inadmissible) -> float:
         return float(speeds(point.X, family.q)[reason.at])
     if reason.kind == "edge":
         parameter = family.parameters[reason.at]
-        inside = (reason.where - float(family.kept(point.X)[reason.at])) / parameter.span
+        inside = (reason.where - float(family.free_values(point.X)[reason.at])) / parameter.span
         return inside if reason.where == parameter.high else -inside
-    seen = math.isfinite(point.maximum) and (point.maximum > 0.0) == (
+    is_local = math.isfinite(point.maximum) and (point.maximum > 0.0) == (
         point.inadmissible is not None
     )
-    return -point.maximum if reason.kind == "penetration" and seen else math.nan
+    return -point.maximum if reason.kind == "penetration" and is_local else math.nan
 
 
 def is_orbit(family: OrbitFamily, point: Point) -> bool:
@@ -165,7 +165,7 @@ def to_last_orbit(step: ArclengthStep, reason: Inadmissible) -> ArclengthStep:
     X, reason = _last_orbit(step, reason)
     end = family.point(X, family.tangent(X, step.begin.tangent))
     end.tests[0, np.abs(end.tests[0]) < ROUNDING] = math.nan  # a zero there is not within the step
-    length = step.place(X) * step.length
+    length = step.share(X) * step.length
     return ArclengthStep(
         family, step.begin, end, length,
         last=True, inadmissible=reason, margin=margin(family, end, reason),
@@ -228,7 +228,7 @@ def _edge(
     edge = family.corrected(guess, plane)
     if edge is None or not is_orbit(family, family.point(edge, step.begin.tangent)):
         return None
-    return edge if step.place(X) <= step.place(edge) <= step.place(Y) else None
+    return edge if step.share(X) <= step.share(edge) <= step.share(Y) else None
 
 
 def ending(step: ArclengthStep) -> End:
@@ -243,7 +243,7 @@ def ending(step: ArclengthStep) -> End:
     if limit is not None:
         return "edge", limit, family.orbit(limit)
     if reason is None or reason.kind == "rest":
-        if (X_edge := _left(family, step.end)) is not None:  # as at R = 0, where impacts may meet
+        if (X_edge := _exit(family, step.end)) is not None:  # as at R = 0, where impacts may meet
             return "edge", X_edge, family.orbit(X_edge)
     kind = "lost" if reason is None or reason.kind == "speed" else "penetration"
     if reason is not None:
@@ -261,13 +261,13 @@ def ending(step: ArclengthStep) -> End:
     return "graze", X, family.orbit(X)
 
 
-def _left(family: OrbitFamily, point: Point) -> np.ndarray | None:
+def _exit(family: OrbitFamily, point: Point) -> np.ndarray | None:
     """Return the point of an edge of a range at which a path is that goes on beyond it; or None."""
     X = onto_edges(family, point.X)
-    ways = zip(family.parameters, family.kept(X), free(point.tangent, family.q), strict=True)
+    rows = zip(family.parameters, family.free_values(X), free(point.tangent, family.q), strict=True)
     leaves = any(
         value == (axis.low if along < 0.0 else axis.high) and along != 0.0
-        for axis, value, along in ways
+        for axis, value, along in rows
     )
     return X if leaves else None
 
@@ -304,7 +304,7 @@ def _at_edges(step: ArclengthStep, reason: Inadmissible) -> np.ndarray:
     The equations of folds may be singular there, as just before a degenerate flip.
     """
     family, X, begin = step.family, step.end.X, step.begin.X
-    value, before = (float(family.kept(Y)[reason.at]) for Y in (X, begin))
+    value, before = (float(family.free_values(Y)[reason.at]) for Y in (X, begin))
     if value == reason.where or value == before:
         return X
     return onto_edges(family, X + (reason.where - value) / (value - before) * (X - begin))

@@ -140,8 +140,8 @@ def _newton_step(system, X, origin, planes, P, N):
         at = block * (q - 1) + 2 + i
         right[at] = inner(planes[i], origin, q) - inner(planes[i], X, q)
     equations = Equations(A, B, _parameter_slopes(system, X), planes, right)
-    way = solve(equations, P, N)
-    return size if way != 0.0 else math.inf, way
+    orientation = solve(equations, P, N)
+    return size if orientation != 0.0 else math.inf, orientation
 
 
 @jit
@@ -215,17 +215,17 @@ def set_tangent(system, X, P):
     All along a path it has the same orientation, which changes only where another path crosses.
     """
     k, N = system.free.size, zero_rows(system.free.size, X.size)
-    size, way = _newton_step(system, X, X, zero_rows(0, X.size), P, N)
+    size, orientation = _newton_step(system, X, X, zero_rows(0, X.size), P, N)
     if not size < math.inf:
         P[0] = math.nan
     elif k == 1:
         for i in range(X.size):
-            P[i] = way * N[0, i]
+            P[i] = orientation * N[0, i]
     else:
         first, second = _gradient(system, X, N[0]), _gradient(system, X, N[1])
         size = math.hypot(first, second)
         for i in range(X.size):
-            P[i] = way * (second * N[0, i] - first * N[1, i]) / size
+            P[i] = orientation * (second * N[0, i] - first * N[1, i]) / size
 
 
 @jit

@@ -129,8 +129,8 @@ def _follow(family: OrbitFamily) -> Branch:
     if not np.isfinite(tangent).all():
         raise OrbitError(f"the {family.kind} does not go on in {' and '.join(family.names)}")
     first_along, second_along = tangent[-2:].tolist()
-    way = first_along if abs(first_along) > ROUNDING else second_along
-    return as_branch(both_ways(family, math.copysign(1.0, way) * tangent))
+    sign = first_along if abs(first_along) > ROUNDING else second_along
+    return as_branch(both_ways(family, math.copysign(1.0, sign) * tangent))
 
 
 def _beside(family: OrbitFamily) -> np.ndarray:

@@ -76,9 +76,9 @@ class ContinuationParameter:
 
 def units_along(osc: Oscillator, axes: Sequence[ContinuationParameter]) -> NaturalUnits:
     """Return the natural units of an oscillator over the ranges of some parameters."""
-    ends = {axis.name: np.array([axis.low, axis.high]) for axis in axes}
+    ranges = {axis.name: np.array([axis.low, axis.high]) for axis in axes}
     point = point_of(osc)
-    return NaturalUnits.of(mesh(ends, {name: point[name][0] for name in PARAMETERS}))
+    return NaturalUnits.of(mesh(ranges, {name: point[name][0] for name in PARAMETERS}))
 
 
 @dataclass(frozen=True)
@@ -127,14 +127,14 @@ class OrbitFamily:
         self.spans = np.array([axis.span for axis in parameters])
         units = [PARAMETERS[name].unit for name in self.names]
         spans = np.array([*map(self.units.into, units, self.spans)])
-        places = np.array([*map(NAMES.index, self.names)], np.int64)
+        indices = np.array([*map(NAMES.index, self.names)], np.int64)
         (point,) = numbers_in(self.units, point_of(self.osc))
         condition, work = CONDITIONS[kind], np.zeros(1)
         self.system = System(
-            point, places, spans, self.m, self.q, condition, graze, touches=False, work=work
+            point, indices, spans, self.m, self.q, condition, graze, touches=False, work=work
         )
-        ends = [(axis.low - axis.slack, axis.high + axis.slack) for axis in parameters]
-        self.bounds = np.reshape(ends, (-1, 2)) / self.spans[:, None]
+        limits = [(axis.low - axis.slack, axis.high + axis.slack) for axis in parameters]
+        self.bounds = np.reshape(limits, (-1, 2)) / self.spans[:, None]
         at = [getattr(self.osc, axis.name) for axis in parameters]
         self.start = self.unknowns(orbit.phases, orbit.speeds, np.array(at))
         if kind == "graze":
@@ -159,7 +159,7 @@ class OrbitFamily:
         """Return the free parameters at points."""
         return free(X, self.q) * self.spans
 
-    def kept(self, X: np.ndarray) -> np.ndarray:
+    def free_values(self, X: np.ndarray) -> np.ndarray:
         """Return the free parameters at points; a value within rounding of an edge becomes it."""
         values = self.values(X)
         for j, axis in enumerate(self.parameters):
@@ -170,7 +170,7 @@ class OrbitFamily:
     def within(self, X: np.ndarray) -> np.ndarray:
         """Return the free parameters at points of a path, which rounding may put beyond an edge."""
         edges = np.reshape([(axis.low, axis.high) for axis in self.parameters], (-1, 2))
-        values: np.ndarray = self.kept(X).clip(*edges.T)
+        values: np.ndarray = self.free_values(X).clip(*edges.T)
         return values
 
     def oscillator(self, X: np.ndarray) -> Oscillator:
@@ -332,7 +332,7 @@ class ArclengthStep:
         begin = Point(X, (Y - X) / length, X[:0], math.nan, None)
         return cls(family, begin, begin._replace(X=Y), length)
 
-    def place(self, X: np.ndarray) -> float:
+    def share(self, X: np.ndarray) -> float:
         """Return the position of a point along the tangent, as a share of the step."""
         return self.family.inner(self.begin.tangent, X - self.begin.X) / self.length
 
@@ -340,7 +340,7 @@ class ArclengthStep:
         """Return the unknowns at a share of the chord."""
         return self.begin.X + share * (self.end.X - self.begin.X)
 
-    def ends(self, test: int) -> tuple[float, float]:
+    def end_values(self, test: int) -> tuple[float, float]:
         """Return the values of a test function at both ends."""
         return float(self.begin.tests[0, test]), float(self.end.tests[0, test])
 
@@ -371,16 +371,16 @@ class ArclengthStep:
         from scipy.optimize import brentq
 
         X, tangent = self.begin.X, self.begin.tangent
-        ends = {0.0: (X, first), self.length: (self.end.X, last)}
+        values_at_ends = {0.0: (X, first), self.length: (self.end.X, last)}
 
         def at(s: float) -> np.ndarray | None:
-            if s in ends:
-                return ends[s][0]
+            if s in values_at_ends:
+                return values_at_ends[s][0]
             return self.family.corrected(X + s * tangent, tangent[None, :])
 
         def along_step(s: float) -> float:
-            if s in ends:
-                return ends[s][1]
+            if s in values_at_ends:
+                return values_at_ends[s][1]
             Y = at(s)
             if Y is None:
                 raise ArithmeticError

@@ -252,7 +252,7 @@ def _may_have_cusps(system, X, tangent, Y, tangent_Y, length):
 def step_may_miss(system, here, there, length):
     """Whether a step may miss roots of the test functions, or points that are not orbits.
 
-    It leads from a place to another (``calls.Place``); `length` is its length along the first
+    It leads from a place to another (``calls.PlainPoint``); `length` is its length along the first
     tangent.
     """
     X, tangent, tests = here

@@ -36,41 +36,41 @@ def cubic_coefficient(system: System, flips: np.ndarray) -> Any:
     """Return a number with the sign of c, smooth along curves, of each flip; NaN if not known."""
     X = np.atleast_2d(flips)
     values = np.full(len(X), np.nan)
-    pt, here = calls.parameters(system, X), np.array(calls.linearised(system, X)[1:])
-    known = np.flatnonzero(np.isfinite(here).all(axis=(0, 2, 3, 4)) & ((pt.R < 1.0) | (pt.h > 0.0)))
-    if known.size:
+    pt, AB = calls.parameters(system, X), np.array(calls.linearised(system, X)[1:])
+    finite = np.flatnonzero(np.isfinite(AB).all(axis=(0, 2, 3, 4)) & ((pt.R < 1.0) | (pt.h > 0.0)))
+    if finite.size:
         rates = np.asarray(1.0 + (2.0 * pt.h + pt.p) / pt.omega)
-        values[known] = _coefficients(system, X[known], here[:, known], rates[known])
+        values[finite] = _coefficients(system, X[finite], AB[:, finite], rates[finite])
     return values.reshape(flips.shape[:-1])[()]
 
 
-def _coefficients(system: System, X: np.ndarray, here: np.ndarray, rates: np.ndarray) -> np.ndarray:
-    """Return the numbers of `cubic_coefficient` where the factors `here` of J are finite."""
+def _coefficients(system: System, X: np.ndarray, AB: np.ndarray, rates: np.ndarray) -> np.ndarray:
+    """Return the numbers of `cubic_coefficient` where the factors `AB` of J are finite."""
     q, turn = system.q, np.array([2.0 * np.pi * system.m, 0.0])
-    u, w, lost = _null_vectors(_closed(here, -1.0))
+    u, w, lost = _null_vectors(_closed(AB, -1.0))
     w *= math.sqrt(q)
     z = impact_rows(X, q)
     flights = np.diff(phases(X, q), append=X[:, :1] + turn[0])
     shares = np.abs(np.diff(w[:, ::2], append=-w[:, :1]) / flights).max(axis=1)
     fastest = np.abs(w[:, ::2]).max(axis=1) * rates
     step = 1.0 / np.maximum(fastest / _ADVANCE, shares / _SHARE)
-    doubled, way = system._replace(m=2 * system.m, q=2 * q), np.concatenate([w, -w], axis=1)
+    doubled, direction = system._replace(m=2 * system.m, q=2 * q), np.concatenate([w, -w], axis=1)
     twice = unknowns(np.concatenate([z, z + turn], axis=1), free(X, q))
     beside = np.repeat(twice[None], 2, axis=0)
-    beside[..., : 4 * q] += np.multiply.outer([1.0, 2.0], step[:, None] * way)
-    factors = np.array(calls.linearised(doubled, beside.reshape(-1, twice.shape[1]))[1:])
+    beside[..., : 4 * q] += np.multiply.outer([1.0, 2.0], step[:, None] * direction)
+    displaced = np.array(calls.linearised(doubled, beside.reshape(-1, twice.shape[1]))[1:])
     # The second half of a displaced orbit is the first half of the one displaced the other way.
-    (c, d), (b, a) = np.moveaxis(factors.reshape(2, 2, -1, 2, q, 2, 2), (3, 1), (0, 1))
+    (c, d), (b, a) = np.moveaxis(displaced.reshape(2, 2, -1, 2, q, 2, 2), (3, 1), (0, 1))
     step = step[:, None, None, None]
     first = (8.0 * (c - b) - (d - a)) / (12.0 * step)
-    second = (16.0 * (b + c) - (a + d) - 30.0 * here) / (12.0 * step**2)
+    second = (16.0 * (b + c) - (a + d) - 30.0 * AB) / (12.0 * step**2)
     w = w[:, :, None]
-    J = _closed(here, 1.0)
+    J = _closed(AB, 1.0)
     lost |= np.linalg.det(J) == 0.0
     J[lost] = np.eye(2 * q)
     s = np.linalg.solve(J, -_closed(first, -1.0) @ w)
     bend = u[:, None] @ (_closed(second, -1.0) @ w / 6.0 + _closed(first, 1.0) @ s / 2.0)
-    slope = u[:, None, -2:] @ here[1][:, -1] @ w[:, :2]
+    slope = u[:, None, -2:] @ AB[1][:, -1] @ w[:, :2]
     return np.where(lost, np.nan, (-bend * np.sign(slope))[:, 0, 0])
 
 

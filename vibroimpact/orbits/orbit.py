@@ -239,7 +239,7 @@ def orbit_of(
     return PeriodicOrbit(osc, m, within, speeds, kind)
 
 
-def taken_twice(orbit: PeriodicOrbit) -> PeriodicOrbit:
+def doubled_orbit(orbit: PeriodicOrbit) -> PeriodicOrbit:
     """Return an orbit as one of twice the period."""
     phases = np.concatenate([orbit.phases, orbit.phases + 2.0 * math.pi * orbit.m])
     return PeriodicOrbit(orbit.oscillator, 2 * orbit.m, phases, np.tile(orbit.speeds, 2))

@@ -93,10 +93,10 @@ def _degenerate_flip(family: OrbitFamily, points: Sequence[np.ndarray], lost: bo
         return None
     halves, _ = half_of(family, points[-1], "flip")
     coefficient = partial(cubic_coefficient, halves.system)
-    place = _root_along(halves, guess, coefficient, NEARBY_DISTANCE, _PRECISE)
-    if not (error < NEARBY_DISTANCE and abs(place) < _NEAR_LIMIT):
+    offset = _root_along(halves, guess, coefficient, NEARBY_DISTANCE, _PRECISE)
+    if not (error < NEARBY_DISTANCE and abs(offset) < _NEAR_LIMIT):
         return None
-    Y = _along(halves, guess, place)
+    Y = _along(halves, guess, offset)
     if halves.inadmissible(Y)[0] is not None:
         return None
     return "flip", doubling(halves, Y)[0], halves.orbit(Y)
@@ -112,10 +112,10 @@ def starts_degenerate(orbit: PeriodicOrbit, axes: Sequence[ContinuationParameter
     return abs(_root_along(flips, flips.start, coefficient, near, precise)) < near
 
 
-def _along(family: OrbitFamily, guess: np.ndarray, place: float) -> np.ndarray:
-    """Return the point of a curve at a place along its tangent from a guess."""
+def _along(family: OrbitFamily, guess: np.ndarray, offset: float) -> np.ndarray:
+    """Return the point of a curve at an offset along its tangent from a guess."""
     along = family.tangent(guess)
-    X = family.corrected(guess + place * along, along[None, :])
+    X = family.corrected(guess + offset * along, along[None, :])
     if X is None:
         raise ArithmeticError
     return X
@@ -171,12 +171,12 @@ def _meeting_impacts(family: OrbitFamily, points: Sequence[np.ndarray]) -> End |
 
 def _corner(family: OrbitFamily, points: Sequence[np.ndarray]) -> End | None:
     """Return the ``edge`` in which a curve leads to a corner of its ranges, as above."""
-    ends = np.reshape([(axis.low, axis.high) for axis in family.parameters], (-1, 2))
-    for j, edge in np.ndindex(ends.shape):
-        place = partial(_distance_to_edge, family, j, ends[j, edge] / family.spans[j])
-        X, error = _limit(points, place, _NEAR_EDGE)
+    edges = np.reshape([(axis.low, axis.high) for axis in family.parameters], (-1, 2))
+    for j, side in np.ndindex(edges.shape):
+        distance = partial(_distance_to_edge, family, j, edges[j, side] / family.spans[j])
+        X, error = _limit(points, distance, _NEAR_EDGE)
         X = onto_edges(family, X, _KNOWN)
-        if error < _KNOWN and (family.kept(X)[:, None] == ends).any(axis=1).all():
+        if error < _KNOWN and (family.free_values(X)[:, None] == edges).any(axis=1).all():
             return "edge", X, family.orbit(X)
     return None
 
@@ -234,7 +234,7 @@ def _unbounded(family: OrbitFamily, points: Sequence[np.ndarray]) -> End | None:
 
 def _end_in_ranges(family: OrbitFamily, X: np.ndarray, kind: str) -> End | None:
     """Return the end at a point: an ``edge`` of the ranges, or of a kind; None outside them."""
-    values = list(zip(family.parameters, family.kept(X).tolist(), strict=True))
+    values = list(zip(family.parameters, family.free_values(X).tolist(), strict=True))
     if not all(axis.holds(value) for axis, value in values):
         return None
     at_edge = any(value in (axis.low, axis.high) for axis, value in values)
@@ -243,39 +243,39 @@ def _end_in_ranges(family: OrbitFamily, X: np.ndarray, kind: str) -> End | None:
 
 def _limit(
     points: Sequence[np.ndarray],
-    place: Callable[[np.ndarray], float],
+    distance: Callable[[np.ndarray], float],
     below: float,
     value: Callable[[np.ndarray], np.ndarray] = np.copy,
 ) -> tuple[np.ndarray, float]:
-    """Return the limit of values at points of a path as a place vanishes, and its error.
+    """Return the limit of values at points of a path as a distance vanishes, and its error.
 
     It is that of the polynomial through some of the last values that changes least by one value
-    more. The nearest values are less accurate. The error is infinite if the last place is not below
-    a bound.
+    more. The nearest values are less accurate. The error is infinite if the last distance is not
+    below a bound.
     """
     points = points[-_LATE:]
-    last, kept = value(points[-1]), [len(points) - 1]
+    last, rows = value(points[-1]), [len(points) - 1]
     best, least = last, math.inf
-    if not 0.0 < place(points[-1]) < below:
+    if not 0.0 < distance(points[-1]) < below:
         return best, least
-    places = np.array([place(X) for X in points])
-    for i in range(len(places) - 2, -1, -1):
-        if _APART * places[kept[-1]] <= places[i] < _MAY_MEET:
-            kept.append(i)
-    values = np.array([value(points[i]) for i in kept])
-    for first in range(len(kept)):
+    distances = np.array([distance(X) for X in points])
+    for i in range(len(distances) - 2, -1, -1):
+        if _APART * distances[rows[-1]] <= distances[i] < _MAY_MEET:
+            rows.append(i)
+    values = np.array([value(points[i]) for i in rows])
+    for first in range(len(rows)):
         before = None
-        for end in range(first + 1, min(first + _POINTS, len(kept)) + 1):
-            limit = _at_zero(places[kept[first:end]]) @ values[first:end]
+        for end in range(first + 1, min(first + _POINTS, len(rows)) + 1):
+            limit = _at_zero(distances[rows[first:end]]) @ values[first:end]
             if before is not None and np.abs(limit - before).max() < least:
                 best, least = limit, float(np.abs(limit - before).max())
             before = limit
     return best, least
 
 
-def _at_zero(places: np.ndarray) -> np.ndarray:
-    """Return the weights of values at some places in the value at 0 of their polynomial."""
-    weights: np.ndarray = np.prod(places / (places - places[:, None] + np.diag(places)), axis=1)
+def _at_zero(d: np.ndarray) -> np.ndarray:
+    """Return the weights of values at distances d in the value at 0 of their polynomial."""
+    weights: np.ndarray = np.prod(d / (d - d[:, None] + np.diag(d)), axis=1)
     return weights
 
 

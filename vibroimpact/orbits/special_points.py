@@ -98,15 +98,15 @@ def special_points(
     period at `half`, they are those before it.
     """
     if step.family.kind == "":
-        end = math.inf if half is None else step.place(half)
-        roots = [(step.place(X), kind, X) for kind, X in _bifurcations(step, end)]
-        for place, kind, X in sorted(roots, key=lambda item: item[0]):
-            if place < end:
+        end = math.inf if half is None else step.share(half)
+        roots = [(step.share(X), kind, X) for kind, X in _bifurcations(step, end)]
+        for share, kind, X in sorted(roots, key=lambda item: item[0]):
+            if share < end:
                 yield kind, X
     elif step.family.kind == "graze":
         # Without damping the coefficient may be zero along the whole curve; its sign is then
         # rounding. It also vanishes where the curve crosses one of free vibrations that touch.
-        family, ends = step.family, step.ends(-2)
+        family, ends = step.family, step.end_values(-2)
         meeting = step.root(partial(family.test, -2), *ends) if _changes(*ends) else None
         if meeting is not None and not (
             family.q == 1 and repeats_freely(calls.parameters(family.system, meeting), family.m)
@@ -123,12 +123,12 @@ def _bifurcations(step: ArclengthStep, end: float) -> Iterator[tuple[str, np.nda
     """Yield the flip and the fold within a step of a branch that ends at a place of it."""
     family = step.family
     for test, kind in ((-2, "flip"), (-1, "fold")):
-        a, b = step.ends(test)
+        a, b = step.end_values(test)
         if not _changes(a, b):
             continue
         X = family.bifurcation(step.between(a / (a - b)), kind)
         # Newton's method may also find the bifurcation of a step beside this one.
-        if X is None or not -_OVERSHOOT <= step.place(X) <= min(1.0 + _OVERSHOOT, end):
+        if X is None or not -_OVERSHOOT <= step.share(X) <= min(1.0 + _OVERSHOOT, end):
             X = step.root(partial(family.test, test), a, b)
         if X is None or (kind == "fold" and _is_twice_its_half(family, X)):
             continue
@@ -237,12 +237,12 @@ def both_ways(family: OrbitFamily, tangent: np.ndarray, retakes: int = 3) -> Pat
         _note_degenerate_flips(forward, [X for X, _ in forward.points])
         return forward
     back = one_way(family, family.start, -tangent)
-    for near, far, way in ((forward, back, -1.0), (back, forward, 1.0)):
+    for near, far, sign in ((forward, back, -1.0), (back, forward, 1.0)):
         if family.kind and retakes and near.special[-1].kind != "edge":
             beside = family.distance(family.start, near.points[-1][0]) < _BESIDE
             if beside and len(far.points) > _FEW:  # the end may be singular, and the start inexact
                 (before, _), (family.start, _) = far.points[len(far.points) // 2 - 1 :][:2]
-                along = family.tangent(family.start, way * (family.start - before))
+                along = family.tangent(family.start, sign * (family.start - before))
                 return both_ways(family, along, retakes - 1)
     begin = (forward if back.points[0][0] is family.start else back).points[0]
     points = [*back.points[:0:-1], begin, *forward.points[1:]]

@@ -238,10 +238,10 @@ def solve(equations, P, N):
     """
     q, block, rows = equations.A.shape[0], 2 + equations.D.shape[2], equations.right.size
     V, w, y = zero_rows(rows, 2 * block), filled(q * block, 0.0), filled(q * block, 0.0)
-    diagonal, way = filled(rows, 0.0), 1.0
+    diagonal, orientation = filled(rows, 0.0), 1.0
     independent = _factorise(equations, V, diagonal, w, y)
     for row in range(rows):
-        way = math.copysign(way, way * diagonal[row])
+        orientation = math.copysign(orientation, orientation * diagonal[row])
     for number in range(-1, N.shape[0]):
         vector = P if number < 0 else N[number]
         for j in range(w.size):
@@ -254,7 +254,7 @@ def solve(equations, P, N):
             vector[phase_at(i)], vector[speed_at(i)] = w[block * i], w[block * i + 1]
         for j in range(2, block):
             vector[free_at(q, j - 2)] = w[j]
-    return way if independent else 0.0
+    return orientation if independent else 0.0
 
 
 @jit

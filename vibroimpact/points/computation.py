@@ -211,14 +211,14 @@ def classified(
     destination["q"][uncounted] = q
     released = (results["rest_fraction"][uncounted] > 0.0) & ~rests
     destination["evidence"][uncounted[released]] = Evidence.RELEASED
-    known = destination["evidence"] > Evidence.UNREACHED
-    kept = {name: values for name, values in results.items() if name != "destination"}
-    return kept | {
-        "period": np.where(known, destination["m"], 0),
-        "period_impacts": np.where(known, destination["q"], 0),
-        "orbit_x": np.where(known, destination["x"], np.nan),
-        "orbit_v": np.where(known, destination["v"], np.nan),
-        "orbit_distance": np.where(known, destination["distance"], np.nan),
+    is_known = destination["evidence"] > Evidence.UNREACHED
+    others = {name: values for name, values in results.items() if name != "destination"}
+    return others | {
+        "period": np.where(is_known, destination["m"], 0),
+        "period_impacts": np.where(is_known, destination["q"], 0),
+        "orbit_x": np.where(is_known, destination["x"], np.nan),
+        "orbit_v": np.where(is_known, destination["v"], np.nan),
+        "orbit_distance": np.where(is_known, destination["distance"], np.nan),
         "class_evidence": destination["evidence"].astype(np.int8),
     }
 

@@ -150,7 +150,7 @@ def regimes_of(results: Mapping[str, np.ndarray], omega: np.ndarray, periods: in
     )
 
 
-def shown_in_part(results: Mapping[str, np.ndarray], periods: int, kept: int) -> np.ndarray:
+def shown_in_part(results: Mapping[str, np.ndarray], periods: int, width: int) -> np.ndarray:
     """Return the mask of motions of which less than a repetition of impacts was kept.
 
     At most `kept` impacts were, of a record of `periods` forcing periods. Where no class is known,
@@ -159,7 +159,7 @@ def shown_in_part(results: Mapping[str, np.ndarray], periods: int, kept: int) ->
     repetition = per_period = results["impacts_per_period"]
     if "period" in results:
         repetition = np.where(results["period"] > 0, results["period_impacts"], per_period)
-    return (repetition > kept) & (impacts_met(per_period, periods) > kept)
+    return (repetition > width) & (impacts_met(per_period, periods) > width)
 
 
 def impacts_met(per_period: np.ndarray, periods: int) -> np.ndarray:

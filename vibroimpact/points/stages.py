@@ -1,4 +1,4 @@
-"""`RunSpec`, what is computed of each point, its `part`; `transient: auto`, in stages.
+"""`RunSpec`, what is computed of each point, its `stage`s; `transient: auto`.
 
 A run that starts from a section continues the run before it to the last bit.
 
@@ -49,8 +49,8 @@ class RunSpec:
     directions: tuple[str, ...]
     extremes: bool = False  #: Whether to find the least and the greatest displacement.
 
-    def part(self, transient: int, periods: int, impacts: int, lyapunov: bool) -> RunSpec:
-        """Return the specification of a part of the run, without trajectory and extremes."""
+    def stage(self, transient: int, periods: int, impacts: int, lyapunov: bool) -> RunSpec:
+        """Return the specification of a stage of the run, without trajectory and extremes."""
         return replace(
             self, transient=transient, longest=None, periods=periods, impacts=impacts,
             lyapunov=lyapunov, every=None, extremes=False, scaled=False,
@@ -112,8 +112,8 @@ def worst_of(before: np.ndarray, status: np.ndarray) -> np.ndarray:
 
     Whether a motion grows without bound, or loses digits, only its record says.
     """
-    kept = (status > Status.CERTIFIED) & (status != Status.UNBOUNDED)
-    return np.maximum(before, np.where(kept, status, Status.COMPUTED)).astype(np.int8)
+    counts = (status > Status.CERTIFIED) & (status != Status.UNBOUNDED)
+    return np.maximum(before, np.where(counts, status, Status.COMPUTED)).astype(np.int8)
 
 
 def without_class(evidence: np.ndarray, status: np.ndarray) -> np.ndarray:
@@ -154,7 +154,7 @@ def run_with_own_transients(spec: RunSpec, points: np.ndarray, run: Run) -> dict
         return on
 
     state, done = in_stages(points, _doubled(longest), spec.phase, stage, goes_on)
-    results = _recorded(spec, points, state, done, needed, run)
+    results = _record_points(spec, points, state, done, needed, run)
     failed = ~has_result(worst)
     for name, values in results.items():
         if name not in ("destination", "transient"):
@@ -178,7 +178,7 @@ def _stage(spec: RunSpec, length: int) -> RunSpec:
     """Return the specification of a stage; exponents cover it if it is long enough."""
     lyapunov = spec.lyapunov and length >= _LONG
     sections = length if lyapunov else min(length, _SECTIONS)
-    return spec.part(length - sections, sections, 0, lyapunov)
+    return spec.stage(length - sections, sections, 0, lyapunov)
 
 
 def _needed(destination: np.ndarray, most: int) -> np.ndarray:
@@ -193,11 +193,11 @@ def _needed(destination: np.ndarray, most: int) -> np.ndarray:
     return np.where(periods < 1.0, 0, np.minimum(rounded, most)).astype(np.int64)
 
 
-def _recorded(
+def _record_points(
     spec: RunSpec,
     points: np.ndarray,
     state: np.ndarray,
-    done: np.ndarray,
+    periods_done: np.ndarray,
     needed: np.ndarray,
     run: Run,
 ) -> dict[str, np.ndarray]:
@@ -205,7 +205,7 @@ def _recorded(
     arrays: dict[str, np.ndarray] = {}
     for more in np.unique(needed).tolist():
         rows = np.flatnonzero(needed == more)
-        record = spec.part(more, spec.periods, spec.impacts, spec.lyapunov)
+        record = spec.stage(more, spec.periods, spec.impacts, spec.lyapunov)
         record = replace(record, extremes=spec.extremes)
         put_rows(arrays, points.size, rows, run(record, state[rows]))
-    return arrays | {"transient": done + needed}
+    return arrays | {"transient": periods_done + needed}

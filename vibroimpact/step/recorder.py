@@ -276,8 +276,8 @@ def trajectories(
     excerpt = (periods, np.full(n, first), every, _NO_LIMIT)
     threads = min(ALL_THREADS if threads is None else threads, n)
     logs, _ = _logged(points, scheme, excerpt, threads, interrupt, 3, events)
-    found = {name: np.empty(n, object) for name in TRAJECTORY}
+    result = {name: np.empty(n, object) for name in TRAJECTORY}
     for i, log in enumerate(logs):
         for name, samples in zip(TRAJECTORY, log, strict=True):
-            found[name][i] = samples
-    return found
+            result[name][i] = samples
+    return result

@@ -53,7 +53,7 @@ def test_a_map_has_the_name_of_its_class_in_every_region_with_room(view):
     assert filling.advance(third[-2]).names == []
     at_third, complete = (filling.advance(stop).names for stop in (third[-1], 240 * 180))
     assert at_third == complete != []
-    m, q = (filling._as_seen(filling._classes[name]) for name in ("m", "q"))
+    m, q = (filling._raster(filling._classes[name]) for name in ("m", "q"))
     shares = {}
     for name, column, row, _ in complete:
         if not name.startswith("rest"):
