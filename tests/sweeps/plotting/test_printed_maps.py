@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 
 from sweeps.errors import Refused
 from sweeps.plotting import Page, bifurcation, parameter_map, section
+from sweeps.plotting.names import placed_names
 from sweeps.plotting.style import CLASSES, LOOKS
 from tests.helpers.commands import accepted, refused
 from tests.helpers.equal_points import equal_points, legend, legend_texts
@@ -57,6 +58,14 @@ def test_every_name_is_in_a_region_of_its_class_and_has_room():
         assert rotation == (90.0 if name == "4/4" else 0.0)
     (widest,) = (place for name, place, _ in found if name == "2/2")
     np.testing.assert_allclose(widest, (0.6, 2.4), atol=0.1)  # the middle of its block
+
+
+def test_a_name_is_where_its_region_is_widest():
+    """A square with a long tail, in which the name would fit, too."""
+    classes = np.zeros((40, 100), int)
+    classes[10:30, :20] = classes[18:22, 20:] = 1
+    ((_, row, column, _),) = placed_names(classes, {1: "1/1"}, lambda name: (3, 5))
+    np.testing.assert_allclose((row, column), (20, 10), atol=2)
 
 
 def test_names_are_those_of_the_shown_part():

@@ -12,6 +12,7 @@ import xarray as xr
 from sweeps.config.groups import DIAGNOSTICS
 from sweeps.grid import Grid
 from sweeps.reports import status_counts
+from sweeps.store.parts import Parts
 from sweeps.store.variables import VARIABLES, record_widths
 from sweeps.store.xarray_engine import open_sweep
 from tests.helpers.written_files import (
@@ -39,15 +40,25 @@ def write_all(path, expected, *, grid=GRID, size=12, backwards=False, compressed
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("size", "compressed", "each_alone"),
-    [(1, True, True), (5, False, True), (5, True, False), (12, False, False)],
+    ("size", "compressed", "each_alone", "boxes"),
+    [(1, True, True, 12), (5, False, True, 4), (5, True, False, 2), (12, False, False, 1)],
 )
-def test_every_variable_comes_back(tmp_path, monkeypatch, size, compressed, each_alone):
+def test_every_variable_comes_back(tmp_path, monkeypatch, size, compressed, each_alone, boxes):
+    """The blocks of a row are written together."""
     if each_alone:
         monkeypatch.setattr("sweeps.store.parts._JOINED", 0)
+    written, pieces = [], Parts.pieces
+
+    def noted(parts):
+        for piece in pieces(parts):
+            written.append(piece[0])
+            yield piece
+
+    monkeypatch.setattr(Parts, "pieces", noted)
     path = tmp_path / "out.h5"
     expected = grid_results()
     write_all(path, expected, size=size, backwards=size == 5, compressed=compressed)
+    assert written.count("status") == boxes
     with open_sweep(path) as dataset:
         assert set(dataset.data_vars) == set(VARIABLES)
         assert_holds(dataset, expected)
