@@ -21,7 +21,8 @@ from tests.helpers.commands import accepted
 from tests.helpers.interruptions import KINDS, SWEEP, hear, share_written, wait_until
 from tests.helpers.places import CONFIGS, ROOT
 from tests.helpers.sweep_files import data, run_in
-from vibroimpact.jit.cache import root
+from vibroimpact.jit.cache import cache_folder, root
+from vibroimpact.jit.way import WAY
 
 CONFIG = SWEEP
 SCRIPT = ROOT / "tests/helpers/without_posix.py"
@@ -102,7 +103,8 @@ def test_a_second_job_compiles_nothing(tmp_path):
         return {path: path.stat().st_mtime_ns for path in files}
 
     # The first job stores what this process has in its own cache, which takes half a minute.
-    shutil.copytree(root(), cache)
+    for name in (cache_folder(WAY.name).name, "numerics"):
+        shutil.copytree(root() / name, Path(cache, name))
     first, words = stored(), [shlex.split(command)[1:] for command in commands]
     environment = os.environ | {"PYTHONPATH": str(ROOT), "NUMBA_CACHE_DIR": cache}
     program = [sys.executable, "-m", "sweeps.cli", *words[0]]
