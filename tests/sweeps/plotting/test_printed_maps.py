@@ -10,7 +10,10 @@ from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 
 from sweeps.errors import Refused
+from sweeps.opened.opened_sweep import OpenedSweep
 from sweeps.plotting import Page, bifurcation, parameter_map, section
+from sweeps.plotting.looks import period_cells
+from sweeps.plotting.maps import entries_of
 from sweeps.plotting.names import placed_names
 from sweeps.plotting.style import CLASSES, LOOKS
 from tests.helpers.commands import accepted, refused
@@ -87,6 +90,16 @@ def test_a_map_in_grey_has_no_colour_and_boundaries_between_regions():
     at = {round(float(x - 1.0) / step, 1) for x in ends[:, 0]}
     assert {19.5, 34.5, 39.5, 41.5, 47.5} <= at  # the sides of the blocks
     assert not {0.5, 1.5} & {round(float(x - 1.0) / step, 1) for x in ends[ends[:, 1] < 0.31, 0]}
+
+
+def test_the_commonest_rest_stands_for_the_share_of_all():
+    dataset = equal_points(axes=AXES)
+    dataset["rest_fraction"].values[:5, 0] = 0.5
+    dataset["period"].values[:2, 0] = 2
+    cut = OpenedSweep(dataset)
+    entries = entries_of(cut, period_cells(*cut.classes))
+    shares = {entry.get_label(): share * cut["status"].size for entry, share in entries.items()}
+    assert shares == pytest.approx({"1/1": 2395, "rest, 1 period": 5, "rest, 2 periods": 2})
 
 
 #: Shares of the classes in per cent; the others are 1 % each.
