@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 from bokeh import models
+from bokeh.core.properties import value
 from bokeh.palettes import interp_palette
 
 from sweeps.bifurcation.exact_branches import branches_of, check_axis
@@ -253,7 +254,8 @@ class Diagram(PixelFigure):
             if len(x) or len(source.data["x"]):
                 source.data = {"x": x, "y": np.full(len(x), 0.015)}
                 text = kind.meaning if isinstance(kind, Status) else kind
-                item.label = f"{text} ({len(x)} of {len(picture.values)})"
+                # A plain text would name a column.
+                item.label = value(f"{text} ({len(x)} of {len(picture.values)})")
                 item.visible = bool(len(x))
         self.show_legend()
         self._report(picture.config, len(picture.values), picture.seconds, seconds)
