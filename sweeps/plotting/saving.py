@@ -96,6 +96,7 @@ def _check_settings(file: str) -> None:
     with in_style():
         _check_size(figure)
         try:
+            figure.draw_without_rendering()  # texts are measured at the dpi of the figure
             figure.savefig(BytesIO(), format="png")
         except Exception as error:  # for example text.usetex without LaTeX
             reason = shortened(str(error), 200)

@@ -185,10 +185,11 @@ def test_a_bad_line_of_matplotlib_is_told_once_and_unusable_settings_are_refused
     result = process("plot", "small.h5", "-o", "b.svg")
     assert result.returncode == 0 and Path("b.svg").stat().st_size
     assert result.stderr.count("Bad value in file") == 1
-    with mpl.rc_context({"text.usetex": True}):
-        message = refused("plot", "small.h5", "-o", "a.svg")
-    assert "matplotlib cannot draw with the settings in matplotlibrc" in message
-    assert message.count("\n") == 1
+    for unusable in ({"text.usetex": True}, {"figure.dpi": 1.0}):
+        with mpl.rc_context(unusable):
+            message = refused("plot", "small.h5", "-o", "a.svg")
+        assert "matplotlib cannot draw with the settings in matplotlibrc" in message
+        assert message.count("\n") == 1
     with mpl.rc_context({"savefig.dpi": 1e9}):
         message = refused("plot", "small.h5", "-o", "a.png")
     assert "pixels is too large; expected: less than 16384 each way" in message
