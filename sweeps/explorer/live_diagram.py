@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 import xarray as xr
 from bokeh import models
-from bokeh.core.properties import value
 from bokeh.palettes import interp_palette
 
 from sweeps.bifurcation.exact_branches import branches_of, check_axis
@@ -238,9 +237,8 @@ class Diagram(PixelFigure):
         values = ordinates(config, results, view.ordinate)
         window = fitted(values) if view.ylim is None else view.ylim
         pixels = density(values, window, rows)
-        picture = Snapshot(view, config, results, window, pixels, seconds)
-        self.kept = picture
-        return picture
+        self.kept = Snapshot(view, config, results, window, pixels, seconds)
+        return self.kept
 
     def _paint(self, picture: Snapshot, seconds: float) -> None:
         """Show a picture, the window that fits it, and the points that failed."""
@@ -254,8 +252,8 @@ class Diagram(PixelFigure):
             if len(x) or len(source.data["x"]):
                 source.data = {"x": x, "y": np.full(len(x), 0.015)}
                 text = kind.meaning if isinstance(kind, Status) else kind
-                # A plain text would name a column.
-                item.label = value(f"{text} ({len(x)} of {len(picture.values)})")
+                # A text alone would name a column.
+                item.label = {"value": f"{text} ({len(x)} of {len(picture.values)})"}
                 item.visible = bool(len(x))
         self.show_legend()
         self._report(picture.config, len(picture.values), picture.seconds, seconds)

@@ -7,7 +7,6 @@ from dataclasses import asdict, replace
 
 import numpy as np
 import pytest
-from bokeh.core.properties import value
 from bokeh.document import Document
 from bokeh.models import LogScale
 
@@ -290,8 +289,8 @@ def test_failed_points_are_marked_and_named(tmp_path):
     np.testing.assert_array_equal(source.data["x"], shown.values[failed])
     assert item.visible
     assert diagram.legend.visible
-    text = f"{Status.NON_FINITE.meaning} ({failed.sum()} of {columns})"
-    assert item.label == value(text)  # the browser takes a str for the name of a column
+    label = f"{Status.NON_FINITE.meaning} ({failed.sum()} of {columns})"
+    assert item.label["value"] == label  # a text alone would name a column
     assert not shown.pixels[:, 1:][:, failed[1:] & failed[:-1]].any()
     page.worker.shutdown()
 
