@@ -107,6 +107,10 @@ def _with_values(sweep: OpenedSweep, values: xr.DataArray) -> tuple[OpenedSweep,
         raise Refused(f"{name} is over {dims}; {over}")
     if values.dtype.kind not in "biuf":
         raise Refused(f"{name} holds {values.dtype}; {over}")
+    for axis in map(sweep.nomenclature.parameter, sweep.grid):
+        if axis in values.coords and not values[axis].dims:  # of a cut: no value elsewhere
+            is_cut = sweep[axis] == values[axis].item()
+            values = values.drop_vars(axis).astype(float).where(is_cut)
     coords = {*PARAMETERS, *sweep.grid} & {*values.coords} & {*sweep.data.coords}
     is_there = all(values[each].variable.equals(sweep.data[each].variable) for each in coords)
     if not is_there or any(values.sizes[dim] != sweep.sizes[dim] for dim in values.dims):

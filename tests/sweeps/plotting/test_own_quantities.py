@@ -119,8 +119,11 @@ def test_a_quantity_of_ones_own_is_drawn_below(dataset):
     panel = figure.axes[2]
     assert panel.get_title("left") == "thrust [kN]"
     np.testing.assert_array_equal(panel.lines[0].get_ydata(), given.sel(R=0.8).values)
-    with pytest.raises(Refused, match="no point has a finite value of the given impulse"):
-        bifurcation(dataset, at={"R": 0.8}, below=dataset["impulse"] * np.nan)
+    cut = bifurcation(dataset, at={"R": 0.8}, below=given.sel(R=0.8)).axes[1].lines[0]
+    np.testing.assert_array_equal(cut.get_ydata(), panel.lines[0].get_ydata())
+    for none in (dataset["impulse"] * np.nan, dataset["impulse"].sel(R=0.6)):
+        with pytest.raises(Refused, match="no point has a finite value of the given impulse"):
+            bifurcation(dataset, at={"R": 0.8}, below=none)
 
 
 def test_numbers_from_another_program_without_attributes_are_drawn(dataset, recorded):
@@ -152,7 +155,7 @@ def test_numbers_from_another_program_without_attributes_are_drawn(dataset, reco
     ("change", "message"),
     [
         (lambda q: q.mean("R"), None),
-        (lambda q: q.sel(R=0.8), "thrust is at other values of the axes"),
+        (lambda q: q.assign_coords(h=0.1), "thrust is at other values of the axes"),
         (lambda q: q.isel(omega=0, R=0), "thrust is over no dimension; expected: numbers over R, "),
         (lambda q: q.expand_dims(shot=3), "thrust is over shot, R, omega; expected: numbers over"),
         (lambda q: q.assign_coords(omega=q.omega + 1.0), "thrust is at other values of the axes"),
