@@ -19,7 +19,7 @@ from vibroimpact.step.contact import (
     REST,
     impulse_and_loss,
     time_to_release,
-    with_stop_in_reach,
+    with_near_stop,
 )
 from vibroimpact.step.integrators import closed_form
 from vibroimpact.step.recorder import SECTION, trace
@@ -142,15 +142,15 @@ def simulate(
     transient = integer(0, MOST_PERIODS).checked("transient", transient)
     points, interrupt = oscillator.at(x0, v0), np.zeros(1, np.int64)
     scheme = scheme_of(points, integrator, impact, steps_per_period, phase)
-    points = with_stop_in_reach(points, impact)
+    points = with_near_stop(points, impact)
     points["phase"] = phase
     before = Status.PENDING
     if transient > 0:
         run = run_points(points, scheme, Length(transient, 1, 0), False, 1, interrupt)
         points["x0"], points["v0"] = run["begun"].T
         before = Status(run["status"][0])
-    reach = np.empty(2)
-    log, status = trace(points, scheme, periods, transient, 1, interrupt, MOST_ROWS, reach)
+    extremes = np.empty(2)
+    log, status = trace(points, scheme, periods, transient, 1, interrupt, MOST_ROWS, extremes)
     if status is Status.PENDING:
         raise ValueError(
             f"the trajectory has more than {MOST_ROWS:,} rows; expected: fewer periods"
@@ -169,7 +169,7 @@ def simulate(
         if loses_digits(points, x[section][None], rested)[0]:
             status = Status.COMPUTED
     if status.failed:
-        reach[:] = math.nan
+        extremes[:] = math.nan
     depth = x[np.isfinite(x)] - oscillator.clearance
     return Trajectory(
         t=t,
@@ -181,8 +181,8 @@ def simulate(
         section_x=x[section],
         section_v=v[section],
         max_penetration=float(depth.max(initial=0.0)),
-        x_min=float(reach[0]),
-        x_max=float(reach[1]),
+        x_min=float(extremes[0]),
+        x_max=float(extremes[1]),
         status=status,
     )
 

@@ -143,31 +143,31 @@ def method_text(spec: RunSpec) -> list[str]:
     return [spec.integrator, f"impact{_JOINT}rule{_JOINT}{spec.impact}", steps]
 
 
-def title(part: OpenedSweep, record: str | None = None) -> str:
+def title(cut: OpenedSweep, record: str | None = None) -> str:
     """Write the title of a picture: name, parameters that are not the defaults, record, method."""
-    spec, nomenclature = part.spec, part.nomenclature
+    spec, nomenclature = cut.spec, cut.nomenclature
     usual = {name: parameter.default for name, parameter in nomenclature.parameters.items()}
-    if "a" in part and bool((part["a"] > 0.0).any()):
+    if "a" in cut and bool((cut["a"] > 0.0).any()):
         usual[nomenclature.name("f")] = 0.0  # the base alone may shake the mass
-    parts = [
-        equation(parameter.symbol, part[name], float(part[name]))
+    items = [
+        equation(parameter.symbol, cut[name], float(cut[name]))
         for name, parameter in nomenclature.parameters.items()
-        if not part[name].dims and float(part[name]) != usual[name]
+        if not cut[name].dims and float(cut[name]) != usual[name]
     ]
-    if spec.followed is not None and len(part.directions) < 2:  # else it is in the legend
-        parts.append(followed(part))
-    parts.append(record_text(part) if record is None else record)
-    parts += method_text(spec)
-    if not part.grid:
-        parts += filter(None, [Status(int(part["status"])).remark(spec.impact)])
-    name = part.config.name.replace("$", r"\$")
-    return f"{name}\n{', '.join(parts)}"
+    if spec.followed is not None and len(cut.directions) < 2:  # else it is in the legend
+        items.append(followed(cut))
+    items.append(record_text(cut) if record is None else record)
+    items += method_text(spec)
+    if not cut.grid:
+        items += filter(None, [Status(int(cut["status"])).remark(spec.impact)])
+    name = cut.config.name.replace("$", r"\$")
+    return f"{name}\n{', '.join(items)}"
 
 
-def followed(part: OpenedSweep) -> str:
+def followed(cut: OpenedSweep) -> str:
     """Write in which directions, and along which axis, the motions of a picture were followed."""
-    directions = " and ".join(part.followed_directions)
-    return f"followed {directions} along ${part.followed_symbol}$"
+    directions = " and ".join(cut.followed_directions)
+    return f"followed {directions} along ${cut.followed_symbol}$"
 
 
 def direction_names(sweep: OpenedSweep) -> tuple[str, str]:

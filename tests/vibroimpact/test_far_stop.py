@@ -14,7 +14,7 @@ from vibroimpact.oscillator import POINT, oscillator_of
 from vibroimpact.points.computation import classified_later, compute_points
 from vibroimpact.points.regimes import is_chaotic
 from vibroimpact.status import Evidence
-from vibroimpact.step.contact import with_stop_in_reach
+from vibroimpact.step.contact import with_near_stop
 from vibroimpact.step.scheme import default_steps
 
 
@@ -157,10 +157,10 @@ def test_only_a_far_stop_moves():
     reach = points["f"] / resistance + np.abs(points["x0"]) + np.abs(points["v0"])
     for share in (-1e12, -1.0, 0.0, 1.0, 100.0, 8000.0):
         points["clearance"] = share * reach
-        assert (with_stop_in_reach(points, "exact") == points).all()
+        assert (with_near_stop(points, "exact") == points).all()
     points["clearance"] = 1e6 * reach
-    assert (with_stop_in_reach(points, "plain") == points).all()
-    moved = with_stop_in_reach(points, "exact")["clearance"]
+    assert (with_near_stop(points, "plain") == points).all()
+    moved = with_near_stop(points, "exact")["clearance"]
     assert (moved >= 4.0 * reach).all() and (moved < 0.01 * points["clearance"]).all()
 
 
@@ -194,7 +194,7 @@ def test_a_stop_moves_only_beyond_the_motion_in_any_units():
         points[name] *= rate
     points["f"] *= 10.0 ** rng.uniform(-300.0, 300.0, points.size)
     points["clearance"] = 10.0 ** rng.uniform(0.0, 300.0, points.size)
-    moved = with_stop_in_reach(points, "exact")["clearance"]
+    moved = with_near_stop(points, "exact")["clearance"]
     rows = np.flatnonzero(moved != points["clearance"])
     assert rows.size > 500
     for row in rows:

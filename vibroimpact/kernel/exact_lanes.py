@@ -4,7 +4,7 @@ All lanes take a step as if there were no stop; the results go to their second r
 have met the stop are listed, and their flights are followed side by side, in columns. A flight for
 which this proves nothing goes through ``exact_step`` alone, as that of a single orbit does.
 
-`carrying` says whether tangent vectors are carried now, and `watching` whether the reach of any
+`carrying` says whether tangent vectors are carried now, and `watching` whether the extremes of any
 lane is watched. Either is None in a loop that is compiled without exponents or without extremes, so
 that the code behind ``is not None`` is left out of it.
 """
@@ -161,7 +161,7 @@ def propagate_lanes(lanes, size, added, phase_step, n, watching):
 
     A lane at rest has y = w = 0, so its GUARD is not negative, and it is listed at every step. If
     `watching`, that of a lane that may have met the stop is ``_MEETS``; that of any other is not
-    negative if it is watched and its step may go beyond its reach.
+    negative if it is watched and its step may go beyond its extremes.
     """
     widest_vectors()
     if watching is not None and watching:
@@ -271,7 +271,7 @@ def take_flights(batch, lo, count, grid, n, carrying, watching):
 def list_awake(workspace, size, grid, n, watching):
     """List the lanes that may have met the stop.
 
-    Those that rest until after the step stay there; others may widen their reach.
+    Those that rest until after the step stay there; others may widen their extremes.
     """
     lanes, met, new_row = workspace.lanes, workspace.met, (~n & 1) * ROW
     awake, theta = 0, grid.table[THETA, n] + grid.phase_step

@@ -1,8 +1,8 @@
 """Widens the extremes of lanes: finds steps that may, and turns, side by side.
 
 See ``turning_points.py``. A lane is watched while it is recorded, but not in a period for which it
-is near its free oscillation, or once it is proved that nothing widens its reach again. Whole steps
-that may turn are collected over a period, so that even few of them fill vectors.
+is near its free oscillation, or once it is proved that nothing widens its extremes again. Whole
+steps that may turn are collected over a period, so that even few of them fill vectors.
 """
 
 from __future__ import annotations
@@ -67,9 +67,9 @@ from vibroimpact.step.propagator import (
 from vibroimpact.step.scheme import COS, SIN
 from vibroimpact.step.turning_points import (
     bounds,
+    extremes_with,
     goes_one_way,
     may_widen,
-    reach_with,
     widen_by_flight,
     widen_by_impact,
     widen_near,
@@ -111,7 +111,7 @@ def find_watched(lanes, size):
 
 @jit
 def begin_period(workspace, size, grid):
-    """Widen the reach of lanes that are near by a period; return whether any are watched."""
+    """Widen the extremes of lanes that are near by a period; return whether any are watched."""
     lanes, met = workspace.lanes, workspace.met
     find_watched(lanes, size)
     for j in range(list_lanes(lanes, GUARD, met, size)):
@@ -131,7 +131,7 @@ def begin_period(workspace, size, grid):
 
 @jit
 def widen_by_column(workspace, i, j, grid, n):
-    """Widen the reach of lane `i` by the flight in column `j`."""
+    """Widen the extremes of lane `i` by the flight in column `j`."""
     lanes, c, table = workspace.lanes, workspace.columns, grid.table
     waves = (table[SIN, n], table[COS, n]), (table[SIN, n + 1], table[COS, n + 1])
     free = FreeEnd(c[Y_T + j], c[W_T + j], c[BOUND + j])
@@ -144,18 +144,18 @@ def widen_by_column(workspace, i, j, grid, n):
 
 @jit
 def widen_by_lane(workspace, i, grid, n):
-    """Widen the reach of lane `i` by step `n`, without impact; list the step if it may turn."""
+    """Widen the extremes of lane `i` by step `n`, without impact; list the step if it may turn."""
     lanes, c, turning, table = workspace.lanes, workspace.turns, workspace.turning, grid.table
     old, new = (n & 1) * ROW + i, (~n & 1) * ROW + i
     y, w, y_T, w_T = lanes[Y + old], lanes[W + old], lanes[Y + new], lanes[W + new]
     f = COEFFICIENTS + COEFFICIENTS_SIZE * i + 5
     factors = lanes[f], lanes[f + 1], lanes[BOUND_BY_X + i]
     bound = remainder_bound(factors, y + lanes[CLEARANCE + i], w)
-    reach = lanes[LEAST + i], lanes[MOST + i]
+    extremes = lanes[LEAST + i], lanes[MOST + i]
     if goes_one_way(y, w, y_T, w_T, grid.phase_step, bound):
-        lanes[LEAST + i], lanes[MOST + i] = reach_with(reach, y_T, y_T)
+        lanes[LEAST + i], lanes[MOST + i] = extremes_with(extremes, y_T, y_T)
         return
-    if not may_widen(reach, bounds(y, w, y_T, w_T, grid.phase_step, bound)):
+    if not may_widen(extremes, bounds(y, w, y_T, w_T, grid.phase_step, bound)):
         return
     j = turning[COLUMNS] & (COLUMNS - 1)
     turning[j], turning[COLUMNS] = i, j + 1
@@ -168,7 +168,7 @@ def widen_by_lane(workspace, i, grid, n):
 
 @jit
 def widen_by_turns(workspace, phase_step):
-    """Widen the reach of lanes by their listed steps, and empty the list."""
+    """Widen the extremes of lanes by their listed steps, and empty the list."""
     lanes, c, turning = workspace.lanes, workspace.turns, workspace.turning
     count, turning[COLUMNS] = turning[COLUMNS], 0
     vectors = (count + VECTOR - 1) // VECTOR
@@ -178,13 +178,13 @@ def widen_by_turns(workspace, phase_step):
     find_turns(c, vectors, phase_step)
     for j in range(count):
         i, y, y_T = turning[j] & (LANES - 1), c[EXTREME + j], c[Y_T + j]
-        reach = lanes[LEAST + i], lanes[MOST + i]
+        extremes = lanes[LEAST + i], lanes[MOST + i]
         if math.isnan(y):
-            reach = widen_by_flight(
+            extremes = widen_by_flight(
                 coefficients_in(c, COLUMN_COEFFICIENTS + j, COLUMN_ROW), flight_in(c, j),
                 FreeEnd(y_T, c[W_T + j], c[BOUND + j]), (c[S_T + j], c[C_T + j]),
-                (y_T, c[W_T + j], phase_step), phase_step, workspace.scratch.coefficients, reach,
+                (y_T, c[W_T + j], phase_step), phase_step, workspace.scratch.coefficients, extremes,
             )  # fmt: skip
         else:
-            reach = reach_with(reach, min(y, y_T), min(max(y, y_T), 0.0))
-        lanes[LEAST + i], lanes[MOST + i] = reach
+            extremes = extremes_with(extremes, min(y, y_T), min(max(y, y_T), 0.0))
+        lanes[LEAST + i], lanes[MOST + i] = extremes

@@ -13,7 +13,7 @@ from vibroimpact.kernel.record import SUMS, Record, loses_digits, named_results
 from vibroimpact.kernel.threads import KernelJob, find_on_threads, lanes_per_thread, run_on_threads
 from vibroimpact.oscillator import refuse_invalid, with_one_force
 from vibroimpact.status import Status
-from vibroimpact.step.contact import with_stop_in_reach
+from vibroimpact.step.contact import with_near_stop
 from vibroimpact.step.scheme import EXACT, MOST_PERIODS, MOST_RECORDED, THETA, Scheme, scheme_of
 
 
@@ -137,7 +137,7 @@ def integrate(
         threads = integer(1, MOST_RECORDED).checked("threads", threads)
     refuse_invalid(points, beyond_stop=at_section and impact == "plain")
     scheme = scheme_of(points, integrator, impact, steps_per_period, phase)
-    points = with_stop_in_reach(points, impact)
+    points = with_near_stop(points, impact)
     if at_section:
         points["phase"] = scheme.grid.table[THETA, 0]
     if lyapunov and scheme.method[0] != EXACT:
@@ -207,8 +207,8 @@ def _record(
     sums = np.zeros(n, dtype=SUMS)
     sums["slowest_impact"], sums["status"] = np.inf, Status.PENDING
     begun = np.full((n, 2), np.nan)
-    reach = np.full((n, 2 if extremes else 0), np.nan)
-    record = Record(np.empty((n, periods, 2)), np.empty((n, impacts, 2)), begun, sums, reach)
+    x_extremes = np.full((n, 2 if extremes else 0), np.nan)
+    record = Record(np.empty((n, periods, 2)), np.empty((n, impacts, 2)), begun, sums, x_extremes)
     lanes, claimed = lanes_per_thread(n, threads), np.zeros(1, np.int64)
     job = KernelJob(points, scheme, transient, periods, lyapunov, lanes, record, claimed, interrupt)
     run_on_threads(threads, job)

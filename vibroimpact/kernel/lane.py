@@ -59,7 +59,7 @@ from vibroimpact.kernel.workspace import (
 from vibroimpact.step.contact import RELEASE_MARGIN, time_to_release
 from vibroimpact.step.scheme import THETA
 from vibroimpact.step.stepper import first_section
-from vibroimpact.step.turning_points import EVERYTHING, reach_of_x
+from vibroimpact.step.turning_points import EVERYTHING, extremes_of_x
 
 
 @specialised
@@ -141,11 +141,11 @@ def move_lane(workspace, source, target, exactly):
 def begin_record(workspace, job, i, x):
     """Begin the record of lane `i` at the displacement `x`."""
     lanes, pt, theta = workspace.lanes, workspace.points[i], job.scheme.grid.table[THETA, 0]
-    reach = job.record.reach
+    extremes = job.record.extremes
     lanes[LEAST + i] = lanes[MOST + i] = lanes[POSITION + i]
     lanes[WATCHED + i] = 1.0
-    if reach.size > 0:
-        reach[workspace.rows[i], 0] = reach[workspace.rows[i], 1] = x
+    if extremes.size > 0:
+        extremes[workspace.rows[i], 0] = extremes[workspace.rows[i], 1] = x
     begin_sums(workspace.sums[i])
     lanes[SLEPT + i], lanes[GREATEST + i] = 0.0, max(x, pt.clearance)
     # A rest leaves no tangent vector, unless it ends now.
@@ -261,13 +261,13 @@ def close_lane(workspace, job, i, exactly, plain, exponents):
         sum_up_tangents(workspace, i)
     if plain:
         sums.max_penetration = lanes[GREATEST + i] - lanes[CLEARANCE + i]
-    if job.record.reach.size > 0:
-        reach, last = job.record.reach[row], job.record.sections[row, job.periods - 1, 0]
+    if job.record.extremes.size > 0:
+        pair, last = job.record.extremes[row], job.record.sections[row, job.periods - 1, 0]
         least, most = lanes[LEAST + i], lanes[MOST + i]
         if not exactly and (most == math.inf or sums.impacts > 0):  # at the stop, or beyond
             most = lanes[GREATEST + i]
-        reach[0], reach[1] = reach_of_x(
-            (least, most), min(reach[0], last), max(reach[1], last), lanes[CLEARANCE + i], exactly
+        pair[0], pair[1] = extremes_of_x(
+            (least, most), min(pair[0], last), max(pair[1], last), lanes[CLEARANCE + i], exactly
         )
     put_in_order(job.record.impacts[row], sums.listed)
     job.record.sums[row] = sums

@@ -81,7 +81,7 @@ class Record(NamedTuple):
     impacts: np.ndarray
     begun: np.ndarray  #: x and v where the record begins after a transient, shape (n, 2).
     sums: np.ndarray  #: Of dtype ``SUMS``, shape (n,).
-    reach: np.ndarray  #: The least and the greatest x, shape (n, 2); (n, 0) if not asked for.
+    extremes: np.ndarray  #: The least and the greatest x, shape (n, 2); (n, 0) if not asked for.
 
 
 @inlined
@@ -227,7 +227,7 @@ def named_results(points: np.ndarray, record: Record) -> dict[str, np.ndarray]:
         "lyapunov": np.where(failed[:, None], np.nan, _exponents(points, sums, duration)),
         **{
             name: np.where(failed, np.nan, values)
-            for name, values in zip(EXTREMES, record.reach.T, strict=False)
+            for name, values in zip(EXTREMES, record.extremes.T, strict=False)
         },
         "status": sums["status"].astype(np.int8),
         "begun": record.begun,

@@ -63,7 +63,7 @@ from vibroimpact.step.scheme import COS, PLAIN, REDUCED_STEP, SIN, THETA
 from vibroimpact.step.stepper import take_step
 from vibroimpact.step.turning_points import widen_by_step
 
-#: The GUARD of a lane that may widen its reach.
+#: The GUARD of a lane that may widen its extremes.
 WIDENS = 2.0
 #: Steps in a stride; the numbers of a lane stay in registers meanwhile.
 STRIDE = 4
@@ -98,32 +98,32 @@ def step_lane(lanes, i, x, v, s, c):
 
 
 @inlined
-def _bounded(reach, start, end, third):
+def _bounded(extremes, start, end, third):
     """Return bounds that hold for another step, too, from (x, v) to (x, v); see ``bounds``."""
     P, Q = fma(start[1], third, start[0]), fma(-end[1], third, end[0])
-    return min(min(reach[0], P), Q), max(max(reach[1], P), Q)
+    return min(min(extremes[0], P), Q), max(max(extremes[1], P), Q)
 
 
 @inlined
-def _is_within(lanes, i, reach):
-    """Whether the reach of lane `i` includes another one."""
-    return (reach[0] >= lanes[LEAST + i]) & (reach[1] <= lanes[MOST + i])
+def _is_within(lanes, i, bounds):
+    """Whether the extremes of lane `i` include others."""
+    return (bounds[0] >= lanes[LEAST + i]) & (bounds[1] <= lanes[MOST + i])
 
 
 @specialised
 def _step_span(lanes, size, table, n, span, watching):
     for i in range(whole_vectors(size)):
         x, v, safe = lanes[POSITION + i], lanes[VELOCITY + i], True
-        reach = math.inf, -math.inf
+        bounds = math.inf, -math.inf
         for q in range(span):
             start = x, v
             x, v, below = step_lane(lanes, i, x, v, table[SIN, n + q], table[COS, n + q])
             safe &= below
             if watching:
-                reach = _bounded(reach, start, (x, v), lanes[THIRD + i])
+                bounds = _bounded(bounds, start, (x, v), lanes[THIRD + i])
         guard = select(safe, -1.0, 1.0)
         if watching:
-            within = _is_within(lanes, i, reach)
+            within = _is_within(lanes, i, bounds)
             safe &= within
             guard = select(within, guard, WIDENS)
         lanes[POSITION + i] = select(safe, x, lanes[POSITION + i])
@@ -136,7 +136,7 @@ def step_lanes(lanes, size, table, n, span, turning):
     """Take the first lanes over a stride from step `n`, or over a single step.
 
     A lane that may meet its stop stays where it is, and its GUARD is not negative. If `turning` is
-    not None, so does a lane that may widen its reach, with the GUARD ``WIDENS``.
+    not None, so does a lane that may widen its extremes, with the GUARD ``WIDENS``.
     """
     widest_vectors()
     watching = turning is not None
@@ -173,13 +173,13 @@ def _plain_span(lanes, size, table, n, span, recording, watching):
         x, v = lanes[POSITION + i], lanes[VELOCITY + i]
         if recording:
             lanes[GUARD + i] = -1.0
-        now, third, reach = (x, v), lanes[THIRD + i], (math.inf, -math.inf)
+        now, third, bounds = (x, v), lanes[THIRD + i], (math.inf, -math.inf)
         for q in range(span):
-            start, place = now, i + SPEEDS + q * ROW
-            now, end = plain_step(lanes, i, *start, table, n + q, place, recording)
-            reach = _bounded(reach, start, end, third)
+            start, n_0 = now, i + SPEEDS + q * ROW
+            now, end = plain_step(lanes, i, *start, table, n + q, n_0, recording)
+            bounds = _bounded(bounds, start, end, third)
         if watching:
-            within = _is_within(lanes, i, reach)
+            within = _is_within(lanes, i, bounds)
             now = select(within, now[0], x), select(within, now[1], v)
             lanes[GUARD + i] = select(within, lanes[GUARD + i], WIDENS)
         lanes[POSITION + i], lanes[VELOCITY + i] = now
@@ -190,7 +190,7 @@ def plain_lanes(lanes, size, table, n, span, recording, turning):
     """Take the first lanes over a stride from step `n`, or a single step, with the rule ``plain``.
 
     While recording, the GUARD of lanes with an impact is not negative. If `turning` is not None, a
-    lane that may widen its reach stays where it is, with the GUARD ``WIDENS``.
+    lane that may widen its extremes stays where it is, with the GUARD ``WIDENS``.
     """
     widest_vectors()
     watching = turning is not None
@@ -247,8 +247,8 @@ def _bounds_of_impact(c, j):
     """Return bounds of the step of column `j`, before and after its impact."""
     stop, v_Tr = c[OF_CLEARANCE + j], c[V_TR + j]
     start, end, launch = (c[X_0 + j], c[V_0 + j]), (stop, v_Tr), (stop, -c[OF_R + j] * v_Tr)
-    reach = _bounded((math.inf, -math.inf), start, end, c[T_R + j] * (1.0 / 3.0))
-    return _bounded(reach, launch, (c[X_T + j], c[V_T + j]), c[REMAINDER + j] * (1.0 / 3.0))
+    bounds = _bounded((math.inf, -math.inf), start, end, c[T_R + j] * (1.0 / 3.0))
+    return _bounded(bounds, launch, (c[X_T + j], c[V_T + j]), c[REMAINDER + j] * (1.0 / 3.0))
 
 
 @jit
@@ -272,8 +272,8 @@ def correct_stepped_lanes(batch, lo, count, left, integrator, grid, n, turning):
             x_T, v_T, safe = step_lane(lanes, i, x, v, table[SIN, q], table[COS, q])
             later = q > c[STEP + j]
             if turning is not None:
-                reach = _bounded((math.inf, -math.inf), (x, v), (x_T, v_T), lanes[THIRD + i])
-                safe &= _is_within(lanes, i, reach)
+                bounds = _bounded((math.inf, -math.inf), (x, v), (x_T, v_T), lanes[THIRD + i])
+                safe &= _is_within(lanes, i, bounds)
             x, v = select(later, x_T, x), select(later, v_T, v)
             single &= safe | (not later)
         if not single:
@@ -310,8 +310,8 @@ def resolve_stepped_lane(batch, i, method, grid, n, span, turning):
         )
         state = x, v, resting
         if turning is not None and recording:
-            reach = lanes[LEAST + i], lanes[MOST + i]
-            least, most = widen_by_step(start, state, n_events, grid, k, pt, scratch.events, reach)
+            pair = lanes[LEAST + i], lanes[MOST + i]
+            least, most = widen_by_step(start, state, n_events, grid, k, pt, scratch.events, pair)
             lanes[LEAST + i], lanes[MOST + i] = least, most if most < pt.clearance else math.inf
         set_rest(lanes, i, resting, theta + phase_step, pt)
         sums.status = max(sums.status, status)

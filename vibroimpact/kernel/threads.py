@@ -132,7 +132,7 @@ def run_on_threads(threads: int, job: KernelJob) -> None:
     loops, columns = _LOOPS.get(job.scheme.method[0], _SHORTENED)
     if job.lyapunov:
         loops = run_exact_with_exponents, run_exact_with_both
-    loop = loops[job.record.reach.size > 0]
+    loop = loops[job.record.extremes.size > 0]
     work = compiled(loop, _typical_workspace(), job)
     threads = min(threads, max(1, -(-job.points.size // job.lanes)))
     on_threads(threads, job.interrupt, lambda: work(new_workspace(columns), job))

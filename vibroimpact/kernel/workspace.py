@@ -51,7 +51,7 @@ POSITION = _rows.take(2)
 VELOCITY = _rows.take(2)
 TANGENT = _rows.take(4)
 #: Not negative for a lane to be listed: in a step, if it may have met its stop, is at rest or may
-#: widen its reach; at a section, if it has come back to its mark, is due, or is near its free
+#: widen its extremes; at a section, if it has come back to its mark, is due, or is near its free
 #: oscillation.
 GUARD = _rows.take()
 LEVEL = _rows.take()  #: The stop that time stepping watches, or AT_REST.
@@ -76,9 +76,9 @@ MARK_V = _rows.take()
 MARK_LEVEL = _rows.take()
 MARK_PERIOD = _rows.take()
 # For the extremes.
-LEAST, MOST = _rows.take(), _rows.take()  #: The reach of the motion, see ``turning_points.py``.
+LEAST, MOST = _rows.take(), _rows.take()  #: The extremes of the motion, see ``turning_points.py``.
 THIRD = _rows.take()  #: A third of the step T.
-#: Positive if the steps of this period may widen the reach, -1 if nothing ever will.
+#: Positive if the steps of this period may widen the extremes, -1 if nothing ever will.
 WATCHED = _rows.take()
 STEADY = _rows.take(7)  #: The ``Steady`` of the point.
 FORMS = _rows.take(4)  #: Its ``turns_near``; the first is 0 until they are needed.

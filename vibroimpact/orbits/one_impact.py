@@ -109,8 +109,8 @@ def _solve(osc: Oscillator, n: int) -> list[np.ndarray]:
     across = math.hypot(line[1], line[2])
     if not across > _rounding(osc, n) * terms:  # the line is parallel to the cylinder
         return []
-    reach = line / across
-    radial = np.array([0.0, reach[1], reach[2]])
+    offset = line / across
+    radial = np.array([0.0, offset[1], offset[2]])
     # Cramer's rule for the point of the line nearest to the axis of the cylinder.
     middle = sigma * one_minus_xx * np.cross(second, radial) - sigma * vx * np.cross(radial, first)
     middle /= across
@@ -118,7 +118,7 @@ def _solve(osc: Oscillator, n: int) -> list[np.ndarray]:
     if not discriminant >= 0.0:
         return []
     root = math.sqrt(discriminant)
-    return [middle + sign * reach for sign in ((-root, root) if root else (root,))]
+    return [middle + sign * offset for sign in ((-root, root) if root else (root,))]
 
 
 def one_impact_orbits(osc: Oscillator, n: int = 1) -> tuple[PeriodicOrbit, ...]:

@@ -36,7 +36,7 @@ from vibroimpact.kernel.integrate import (
 from vibroimpact.points.regimes import has_result
 from vibroimpact.points.stages import RunSpec, put_last, put_rows, run_with_own_transients
 from vibroimpact.status import Evidence, Status
-from vibroimpact.step.contact import with_stop_in_reach
+from vibroimpact.step.contact import with_near_stop
 from vibroimpact.step.recorder import trajectories
 from vibroimpact.step.scheme import Scheme
 
@@ -112,7 +112,7 @@ def compute_points(
     """
     if spec.scaled:
         return _computed_once(replace(spec, scaled=False), points, threads, interrupt)
-    points = with_stop_in_reach(points, spec.impact)
+    points = with_near_stop(points, spec.impact)
     run = partial(_run, threads=threads, interrupt=interrupt)
     if spec.longest is None:
         results = run(spec, points)
@@ -136,7 +136,7 @@ def compute_chains(
     """
 
     def run(points: np.ndarray) -> dict[str, np.ndarray]:
-        return _run(spec, with_stop_in_reach(points, spec.impact), threads, interrupt)
+        return _run(spec, with_near_stop(points, spec.impact), threads, interrupt)
 
     axis = spec.followed
     assert axis is not None
@@ -231,7 +231,7 @@ def classified_later(
     starts = points.copy()
     if spec.followed is not None:  # the run started each point elsewhere
         put_last(starts, results, spec.phase)
-    starts = with_stop_in_reach(starts, spec.impact)
+    starts = with_near_stop(starts, spec.impact)
     results = {**results, "destination": find_destinations(starts, scheme, results, threads)}
     return classified(spec, points, results, threads)
 

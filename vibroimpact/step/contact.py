@@ -132,7 +132,7 @@ def impulse_and_loss(
         return (1.0 + R) * speeds, 0.5 * (1.0 - R) * (1.0 + R) * np.where(R < 1.0, squares, 0.0)
 
 
-def with_stop_in_reach(points: np.ndarray, impact: str) -> np.ndarray:
+def with_near_stop(points: np.ndarray, impact: str) -> np.ndarray:
     """Return points with one force; with the rule ``exact``, far stops that are never met are near.
 
     The new clearance is a power of two. It depends on the start, so it must stay the same for all

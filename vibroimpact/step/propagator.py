@@ -282,13 +282,13 @@ def is_near(steady, y, w):
 
 
 @inlined
-def stays_within(steady, y, w, reach):
-    """Whether a motion from a state at a section never widens its reach again.
+def stays_within(steady, y, w, extremes):
+    """Whether a motion from a state at a section never widens its extremes again.
 
     In the norm hypot(y, omega w / p) a motion comes ever nearer to the free oscillation, as long as
-    it is free; and it is free if its reach includes the free oscillation and this distance.
+    it is free; and it is free if its extremes include the free oscillation and this distance.
     """
-    room = min(steady.low - reach[0], reach[1] - steady.high) - steady.rounding
+    room = min(steady.low - extremes[0], extremes[1] - steady.high) - steady.rounding
     off, rate = y - steady.y, steady.ratio * (w - steady.w)
     return (room > 0.0) & (room * room > fma(off, off, rate * rate))
 

@@ -23,7 +23,7 @@ from vibroimpact.step.stepper import (
     watch_exact_grid_step,
     watch_grid_step,
 )
-from vibroimpact.step.turning_points import reach_of_x, widen_near
+from vibroimpact.step.turning_points import extremes_of_x, widen_near
 
 # Kinds of row besides the kinds of event: a state on the grid, and the end of a period.
 _STATE, SECTION = 10, 11
@@ -107,7 +107,7 @@ class TraceJob(NamedTuple):
     #: Receives the number of rows that a log needs, and the status, shape (n, 2). The status of a
     #: motion that ends early is ``PENDING``.
     outcomes: np.ndarray
-    reach: np.ndarray  #: Receives the least and the greatest displacement, shape (n, 2).
+    extremes: np.ndarray  #: Receives the least and the greatest displacement, shape (n, 2).
     claimed: np.ndarray  #: Number of points taken by the threads so far, shape (1,).
     interrupt: np.ndarray  #: Once it is set, the motions end within a forcing period. Shape (1,).
 
@@ -123,7 +123,7 @@ def _trace(job, i, exactly):
     size, T = grid.size, grid.phase_step / pt.omega
     t = (2.0 * math.pi * first + grid.table[THETA, 0]) / pt.omega
     rows = _put_first(log, t, pt, rule, state, first, led)
-    start, reach, near = state, (state[0], state[0]), False
+    start, extremes, near = state, (state[0], state[0]), False
     if exactly:
         prepared, steady = prepare_exact(grid, pt, scratch), steady_of(pt, grid)
         forms = turns_near(prepared[0], steady, grid.phase_step)
@@ -135,19 +135,19 @@ def _trace(job, i, exactly):
         if exactly:
             near = is_near(steady, state[0], state[1])
             if near:
-                reach = widen_near(steady, forms, state[0], state[1], reach)
+                extremes = widen_near(steady, forms, state[0], state[1], extremes)
         for n in range(size):
             if rows > job.most_rows:
                 return 0, _PENDING
             if exactly:
                 state, n_events, outcome, wider = watch_exact_grid_step(
-                    prepared, state, grid, n, pt, scratch, reach
+                    prepared, state, grid, n, pt, scratch, extremes
                 )
             else:
                 state, n_events, outcome, wider = watch_grid_step(
-                    method, prepared, state, grid, n, pt, scratch, reach
+                    method, prepared, state, grid, n, pt, scratch, extremes
                 )
-            reach = reach if near else wider
+            extremes = extremes if near else wider
             status = max(status, outcome)
             x, v = from_state(rule, state, pt)
             last = n + 1 == size
@@ -161,7 +161,8 @@ def _trace(job, i, exactly):
                 rows = _put(log, rows, SECTION if last else _STATE, t_T, x, v)
             t = t_T
     first_x = from_state(rule, start, pt)[0] if led else pt.x0
-    job.reach[i, 0], job.reach[i, 1] = reach_of_x(reach, first_x, x, pt.clearance, exactly)
+    least, most = extremes_of_x(extremes, first_x, x, pt.clearance, exactly)
+    job.extremes[i, 0], job.extremes[i, 1] = least, most
     return rows, status
 
 
@@ -213,8 +214,8 @@ def _logged(
         starts = np.concatenate([[0], np.cumsum(room)])
         logs = np.empty((columns, starts[-1]))  # memory that is not written is not taken
         outcomes, claimed = np.zeros((n, 2), np.int64), np.zeros(1, np.int64)
-        reach = np.empty((n, 2))
-        job = TraceJob(points, scheme, *excerpt, logs, starts, outcomes, reach, claimed, interrupt)
+        pairs = np.empty((n, 2))
+        job = TraceJob(points, scheme, *excerpt, logs, starts, outcomes, pairs, claimed, interrupt)
         on_threads(threads, interrupt, compiled(run, job), job)
         rows = job.outcomes[:, 0]
     return [job.logs[:, starts[i] : starts[i] + rows[i]] for i in range(n)], job
@@ -228,7 +229,7 @@ def trace(
     every: int = 1,
     interrupt: np.ndarray | None = None,
     most_rows: int = _NO_LIMIT,
-    reach: np.ndarray | None = None,
+    extremes: np.ndarray | None = None,
 ) -> tuple[np.ndarray, Status]:
     """Log the motion of one parameter point, an array of shape (1,); return the log and the status.
 
@@ -236,7 +237,7 @@ def trace(
     `every`-th state of the grid, and both sides of every impact. Its clock begins at the section
     number `first`. A run that ends early, because of
     `interrupt` as for ``run_points`` or because its log has more than `most_rows`, has an empty log
-    and the status ``PENDING``. `reach`, of shape (2,), receives the least and the greatest
+    and the status ``PENDING``. `extremes`, of shape (2,), receives the least and the greatest
     displacement.
     """
     if periods * (scheme.grid.size // every) > most_rows:
@@ -244,8 +245,8 @@ def trace(
     excerpt = (periods, np.array([first]), every, most_rows)
     (log,), job = _logged(points, scheme, excerpt, 1, interrupt, 4)
     log, status = log.T, job.outcomes[0, 1]
-    if reach is not None:
-        reach[:] = job.reach[0]
+    if extremes is not None:
+        extremes[:] = job.extremes[0]
     if status == Status.PENDING:
         return log, Status.PENDING
     done = Status.CERTIFIED if scheme.method[0] == EXACT else Status.COMPUTED

@@ -1,4 +1,4 @@
-"""Takes one orbit, and its reach, over a step: map, `meet_stop` or `exact_step`, time stepping.
+"""Takes one orbit, and its extremes, over a step: map, `meet_stop` or `exact_step`, time stepping.
 
 The state of an orbit between steps is (x, v, resting), or with the rule ``exact`` (y, w, resting)
 in the units of ``propagator.py``. At the end of a period it is rounded to (x, v), so that a run
@@ -92,10 +92,10 @@ def take_step(method, rows, state, phase, phase_step, pt, scratch):
 
 
 @specialised
-def take_exact_step(prepared, state, grid, n, pt, scratch, reach, watching):
+def take_exact_step(prepared, state, grid, n, pt, scratch, extremes, watching):
     """Take a step with the rule ``exact``, as ``exact_lanes.py`` does for many points at once.
 
-    Returns the state, the number of events, the status, and the reach if `watching`, a literal.
+    Returns the state, the number of events, the status, and the extremes if `watching`, a literal.
     """
     (y, w, resting), table, (eq, (propagator, forcing)) = state, grid.table, prepared
     theta, wave, phase_step = table[THETA, n], (table[SIN, n], table[COS, n]), grid.phase_step
@@ -103,12 +103,12 @@ def take_exact_step(prepared, state, grid, n, pt, scratch, reach, watching):
     flight, free = Flight(y, w, *wave, 0.0), FreeEnd(y_T, w_T, bound)
     end_wave, c = (table[SIN, n + 1], table[COS, n + 1]), scratch.coefficients
     if guard < 0.0:
-        if watching and (floor < reach[0] or guard > reach[1]):
+        if watching and (floor < extremes[0] or guard > extremes[1]):
             factors = bound_factors(eq, 0.0, phase_step)
             free = FreeEnd(y_T, w_T, remainder_bound(factors, y + pt.clearance, w))
             end = y_T, w_T, phase_step
-            reach = widen_by_flight(eq, flight, free, end_wave, end, phase_step, c, reach)
-        return (y_T, w_T, False), 0, 0, reach
+            extremes = widen_by_flight(eq, flight, free, end_wave, end, phase_step, c, extremes)
+        return (y_T, w_T, False), 0, 0, extremes
     n_events = 0
     for _ in range(SIDE_BY_SIDE):
         impact = meet_stop(eq, flight, free, end_wave, phase_step)
@@ -117,9 +117,10 @@ def take_exact_step(prepared, state, grid, n, pt, scratch, reach, watching):
             time, speed = at / pt.omega, w_i * pt.omega
             n_events = log_event(scratch.events, n_events, IMPACT, time, speed, pt.clearance)
         if watching:
-            reach = widen_by_impact(eq, flight, impact, (wave, end_wave), phase_step, c, reach)
+            waves = wave, end_wave
+            extremes = widen_by_impact(eq, flight, impact, waves, phase_step, c, extremes)
         if proved >= ONLY:
-            return (y_T, w_T, False), n_events, 0, reach
+            return (y_T, w_T, False), n_events, 0, extremes
         if proved == NOTHING:
             break
         flight, free = launch_after(eq, wave, at, w_i), FreeEnd(y_T, w_T, bound)
@@ -131,10 +132,10 @@ def take_exact_step(prepared, state, grid, n, pt, scratch, reach, watching):
     )
     if watching:
         rows = first, n_events
-        reach = widen_by_events(
-            eq, flight, resting, (y, w), rows, theta, bound, phase_step, pt, scratch, reach
+        extremes = widen_by_events(
+            eq, flight, resting, (y, w), rows, theta, bound, phase_step, pt, scratch, extremes
         )
-    return (y, w, now), n_events, status, reach
+    return (y, w, now), n_events, status, extremes
 
 
 @jit
@@ -149,11 +150,11 @@ def take_grid_step(method, rows, state, grid, n, pt, scratch):
 
 
 @jit
-def watch_grid_step(method, rows, state, grid, n, pt, scratch, reach):
-    """Take step `n` of a grid; return the state, the number of events, the status and the reach."""
+def watch_grid_step(method, rows, state, grid, n, pt, scratch, extremes):
+    """Take step `n` of a grid; return the state, the number of events, the status, the extremes."""
     end, n_events, status = take_grid_step(method, rows, state, grid, n, pt, scratch)
-    reach = widen_by_step(state, end, n_events, grid, n, pt, scratch.events, reach)
-    return end, n_events, status, reach
+    extremes = widen_by_step(state, end, n_events, grid, n, pt, scratch.events, extremes)
+    return end, n_events, status, extremes
 
 
 @jit
@@ -179,9 +180,9 @@ def take_next_step(prepared, state, grid, n, pt, scratch):
 
 
 @jit
-def watch_exact_grid_step(prepared, state, grid, n, pt, scratch, reach):
+def watch_exact_grid_step(prepared, state, grid, n, pt, scratch, extremes):
     """Take step `n` of a grid with the rule ``exact``; return the same as `watch_grid_step`."""
-    return take_exact_step(prepared, state, grid, n, pt, scratch, reach, True)
+    return take_exact_step(prepared, state, grid, n, pt, scratch, extremes, True)
 
 
 @specialised

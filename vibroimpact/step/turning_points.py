@@ -1,7 +1,7 @@
-"""Bounds a flight; widens the reach (least, greatest x), also where the mass turns.
+"""Bounds a flight; widens the extremes (least, greatest x), also where the mass turns.
 
-The reach is a pair, of x, or with the rule ``exact`` of y in the units of ``propagator.py``. A
-flight that is proved to stay within the reach so far is not searched. Between its ends a flight
+The extremes are a pair, of x, or with the rule ``exact`` of y in the units of ``propagator.py``. A
+flight that is proved to stay within the extremes so far is not searched. Between its ends a flight
 turns where its speed changes sign.
 
 **Exact impacts.** Let a flight go from (y_0, w_0) to (y_1, w_1) in the time t. Its cubic Hermite
@@ -50,7 +50,7 @@ from vibroimpact.step.impact import (
 from vibroimpact.step.polynomial import expand, turn_between, value_and_slope
 from vibroimpact.step.scheme import THETA
 
-#: The reach of a motion that is not recorded: nothing widens it.
+#: The extremes of a motion that is not recorded: nothing widens them.
 EVERYTHING = -math.inf, math.inf
 
 # Newton's method has converged if its next change is below this share of the flight: the error of y
@@ -62,28 +62,28 @@ _MOST_PIECES = 2**19
 
 
 @inlined
-def reach_with(reach, low, high):
-    """Return the reach that includes `low` and `high`."""
-    return min(reach[0], low), max(reach[1], high)
+def extremes_with(extremes, low, high):
+    """Return the extremes that include `low` and `high`."""
+    return min(extremes[0], low), max(extremes[1], high)
 
 
 @inlined
-def reach_of_x(reach, first, last, clearance, exactly):
-    """Return the reach of x from `first` to `last`, given that of x or, if `exactly`, of y."""
-    low, high = reach
+def extremes_of_x(extremes, first, last, clearance, exactly):
+    """Return the extremes of x from `first` to `last`, given those of x or, if `exactly`, of y."""
+    low, high = extremes
     if exactly:
         low, high = low + clearance, high + clearance
     return min(low, min(first, last)), max(high, max(first, last))
 
 
 @inlined
-def widen_near(steady, forms, y, w, reach):
-    """Return the reach that includes a period of a motion that is near at its start."""
+def widen_near(steady, forms, y, w, extremes):
+    """Return the extremes that include a period of a motion that is near at its start."""
     (low_y, low_w), (high_y, high_w) = forms
     off, rate = y - steady.y, w - steady.w
     low = fma(low_y, off, fma(low_w, rate, steady.low))
     high = fma(high_y, off, fma(high_w, rate, steady.high))
-    return reach_with(reach, min(low, y), max(high, y))
+    return extremes_with(extremes, min(low, y), max(high, y))
 
 
 @inlined
@@ -94,9 +94,9 @@ def bounds(y_0, w_0, y_1, w_1, t, bound):
 
 
 @inlined
-def may_widen(reach, limits):
-    """Whether a flight with these ``bounds`` may widen a reach of y, which the stop limits."""
-    return limits[0] < reach[0] or min(limits[1], 0.0) > reach[1]
+def may_widen(extremes, limits):
+    """Whether a flight with these ``bounds`` may widen extremes of y, which the stop limits."""
+    return limits[0] < extremes[0] or min(limits[1], 0.0) > extremes[1]
 
 
 @inlined
@@ -167,8 +167,8 @@ def is_settled(t, change, length):
 
 
 @jit
-def _search(eq, start, span, bound, phase_step, c, reach):
-    """Return the reach that includes a flight for the phase `span` from its `start` y, w, s, c."""
+def _search(eq, start, span, bound, phase_step, c, extremes):
+    """Return the extremes that include a flight for the phase `span` from a `start` y, w, s, c."""
     y, w, s, wave = start
     expand(eq, y, w, s, wave, phase_step, c)
     end, a, width = span / phase_step, 0.0, span / phase_step
@@ -180,12 +180,12 @@ def _search(eq, start, span, bound, phase_step, c, reach):
         y_1, w_1 = value_and_slope(c, 0, b)
         h = b - a
         of_piece = part_of(bound, h, 1.0)
-        if may_widen(reach, bounds(y_0, w_0, y_1, w_1, h, of_piece)):
+        if may_widen(extremes, bounds(y_0, w_0, y_1, w_1, h, of_piece)):
             _, turns, sure = guess_turn(y_0, w_0, y_1, w_1, h, of_piece)
             if not sure and h > _NARROWEST:
                 width = 0.125 * h
                 continue
-            reach = reach_with(reach, y_1, min(y_1, 0.0))
+            extremes = extremes_with(extremes, y_1, min(y_1, 0.0))
             if turns:
                 sign = -1.0 if w_0 < 0.0 else 1.0
                 for k in range(c.size):
@@ -193,62 +193,65 @@ def _search(eq, start, span, bound, phase_step, c, reach):
                 y, _ = value_and_slope(c, 0, turn_between(c, 0, a, b))
                 for k in range(c.size):
                     c[k] *= sign
-                reach = reach_with(reach, sign * y, min(sign * y, 0.0))
+                extremes = extremes_with(extremes, sign * y, min(sign * y, 0.0))
         a, y_0, w_0, width = b, y_1, w_1, 8.0 * h
-    return reach
+    return extremes
 
 
 @jit
-def widen_by_flight(eq, flight, free, end_wave, end, phase_step, coefficients, reach):
-    """Return the reach that includes a flight of a step with the rule ``exact``.
+def widen_by_flight(eq, flight, free, end_wave, end, phase_step, c, extremes):
+    """Return the extremes that include a flight of a step with the rule ``exact``.
 
     `free` and `end_wave` are the end of the step without impacts, and sine and cosine of the phase
     there. `end` is y and w at the end of the flight, and its length.
     """
     y_1, w_1, t = end
     bound, rest = part_of(free.bound, t, phase_step), phase_step - flight.begin
-    if not may_widen(reach, bounds(flight.y, flight.w, y_1, w_1, t, bound)):
-        return reach
+    if not may_widen(extremes, bounds(flight.y, flight.w, y_1, w_1, t, bound)):
+        return extremes
     n, turns, sure = guess_turn(flight.y, flight.w, y_1, w_1, t, bound)
     if sure:
-        reach = reach_with(reach, y_1, min(y_1, 0.0))
+        extremes = extremes_with(extremes, y_1, min(y_1, 0.0))
         if not turns:
-            return reach
+            return extremes
         late = late_from(n * t, rest, phase_step)
         k = expand_near(eq, flight, free, end_wave, late)
         u, bend = approach_turn(k, n * t - late * rest, phase_step)
         y, change = turn_at(k, u, bend)
         if is_settled(u + late * rest, change, t):
-            return reach_with(reach, y, min(y, 0.0))
+            return extremes_with(extremes, y, min(y, 0.0))
     start = flight.y, flight.w, flight.s, flight.c
-    return _search(eq, start, t, free.bound, phase_step, coefficients, reach)
+    return _search(eq, start, t, free.bound, phase_step, c, extremes)
 
 
 @jit
-def widen_by_impact(eq, flight, impact, waves, phase_step, coefficients, reach):
-    """Return the reach that includes a flight with its ``Impact``, and with ``ONLY`` the next one.
+def widen_by_impact(eq, flight, impact, waves, phase_step, c, extremes):
+    """Return the extremes that include a flight with its ``Impact``, and with ``ONLY`` the next.
 
     `waves` holds sine and cosine of the phase at the start of the step, and at its end.
     """
     (y, w, at, w_i, proved, free), (wave, end_wave) = impact, waves
     if proved == FREE:
         end = y, w, phase_step - flight.begin
-        return widen_by_flight(eq, flight, free, end_wave, end, phase_step, coefficients, reach)
+        return widen_by_flight(eq, flight, free, end_wave, end, phase_step, c, extremes)
     if proved == NOTHING:
-        return reach
-    reach, end, left = reach_with(reach, 0.0, 0.0), (0.0, w_i, at - flight.begin), phase_step - at
-    reach = widen_by_flight(eq, flight, free, end_wave, end, phase_step, coefficients, reach)
+        return extremes
+    extremes, left = extremes_with(extremes, 0.0, 0.0), phase_step - at
+    end = 0.0, w_i, at - flight.begin
+    extremes = widen_by_flight(eq, flight, free, end_wave, end, phase_step, c, extremes)
     bound = part_of(free.bound, left, phase_step)
-    if proved == ONLY and bounds(0.0, -eq.R * w_i, y, w, left, bound)[0] < reach[0]:
+    if proved == ONLY and bounds(0.0, -eq.R * w_i, y, w, left, bound)[0] < extremes[0]:
         flight, free = launch_after(eq, wave, at, w_i), FreeEnd(y, w, free.bound)
         end = y, w, left
-        reach = widen_by_flight(eq, flight, free, end_wave, end, phase_step, coefficients, reach)
-    return reach
+        extremes = widen_by_flight(eq, flight, free, end_wave, end, phase_step, c, extremes)
+    return extremes
 
 
 @jit
-def widen_by_events(eq, flight, resting, end, rows, theta, bound, phase_step, pt, scratch, reach):
-    """Return the reach that includes what ``exact_step`` took from a `flight`, or a rest, to `end`.
+def widen_by_events(
+    eq, flight, resting, end, rows, theta, bound, phase_step, pt, scratch, extremes
+):
+    """Return the extremes that include all from a `flight`, or a rest, to `end` of ``exact_step``.
 
     `rows` are the first of its events and the one after the last. A chatter that is summed has its
     lowest point in its first flight.
@@ -260,27 +263,27 @@ def widen_by_events(eq, flight, resting, end, rows, theta, bound, phase_step, pt
         if kind == IMPACT:
             w_T = events[k, SPEED] / pt.omega
             low, _ = bounds(y, w, 0.0, w_T, then - at, part_of(bound, then - at, phase_step))
-        if not resting and low < reach[0]:
+        if not resting and low < extremes[0]:
             start = y, w, s, c
-            reach = _search(eq, start, then - at, bound, phase_step, coefficients, reach)
-        reach = reach_with(reach, 0.0, 0.0)
+            extremes = _search(eq, start, then - at, bound, phase_step, coefficients, extremes)
+        extremes = extremes_with(extremes, 0.0, 0.0)
         s, c = sin_cos(theta + then)
         y, w, at, resting = 0.0, -pt.R * w_T, then, kind == REST
     if resting:
-        return reach_with(reach, 0.0, 0.0)
+        return extremes_with(extremes, 0.0, 0.0)
     left = phase_step - at
     limits = bounds(y, w, end[0], end[1], left, part_of(bound, left, phase_step))
-    if may_widen(reach, limits):
-        reach = _search(eq, (y, w, s, c), left, bound, phase_step, coefficients, reach)
-    return reach_with(reach, min(end[0], 0.0), min(end[0], 0.0))
+    if may_widen(extremes, limits):
+        extremes = _search(eq, (y, w, s, c), left, bound, phase_step, coefficients, extremes)
+    return extremes_with(extremes, min(end[0], 0.0), min(end[0], 0.0))
 
 
 @jit
-def _widen_by_cubic(x, v, x_T, v_T, T, stop, reach):
-    """Return the reach that includes the turning points of the cubic from (x, v) to (x_T, v_T)."""
+def _widen_by_cubic(x, v, x_T, v_T, T, stop, extremes):
+    """Return the extremes that include the turning points of a cubic from (x, v) to (x_T, v_T)."""
     low, high = bounds(x, v, x_T, v_T, T, 0.0)
     size = max(abs(v), abs(v_T)) * T + abs(x_T - x)
-    if (low < reach[0] or high > reach[1]) and 0.0 < size < math.inf:
+    if (low < extremes[0] or high > extremes[1]) and 0.0 < size < math.inf:
         # As in the text above, in units of the size, so that squares neither overflow nor vanish.
         A, B = v * T / size, v_T * T / size
         M = 3.0 * ((x_T - x) / size) - (A + B)
@@ -291,13 +294,13 @@ def _widen_by_cubic(x, v, x_T, v_T, T, stop, reach):
                 if 0.0 < n < 1.0:
                     y = x + size * (n * (A + n * (bend + n * third / 3.0)))
                     y = min(max(y, min(x, low)), max(x, high))  # not beyond, by rounding
-                    reach = reach_with(reach, y, min(y, stop))
-    return reach
+                    extremes = extremes_with(extremes, y, min(y, stop))
+    return extremes
 
 
 @jit
-def widen_by_step(start, end, n_events, grid, n, pt, events, reach):
-    """Return the reach that includes step `n` of a grid with a rule of time stepping.
+def widen_by_step(start, end, n_events, grid, n, pt, events, extremes):
+    """Return the extremes that include step `n` of a grid with a rule of time stepping.
 
     `start` and `end` are states (x, v, resting). The first flight of a chatter that is summed is a
     parabola, as its sum takes it to be.
@@ -314,13 +317,13 @@ def widen_by_step(start, end, n_events, grid, n, pt, events, reach):
                 a = pressing(sin_cos(grid.table[THETA, n] + pt.omega * at)[0], pt)
             if -v <= a * (then - at) and a > 0.0:
                 low = x - v * (0.5 * v / a)
-                reach = reach_with(reach, low, low)
+                extremes = extremes_with(extremes, low, low)
             else:
-                reach = _widen_by_cubic(x, v, x_T, v_T, then - at, pt.clearance, reach)
-        reach = reach_with(reach, x_T, x_T)
+                extremes = _widen_by_cubic(x, v, x_T, v_T, then - at, pt.clearance, extremes)
+        extremes = extremes_with(extremes, x_T, x_T)
         launched, resting = kind == IMPACT, kind == REST
         x, v, at = pt.clearance, -pt.R * v_T, then
     if not resting:
         T = grid.phase_step / pt.omega - at
-        reach = _widen_by_cubic(x, v, end[0], end[1], T, pt.clearance, reach)
-    return reach_with(reach, end[0], end[0])
+        extremes = _widen_by_cubic(x, v, end[0], end[1], T, pt.clearance, extremes)
+    return extremes_with(extremes, end[0], end[0])
