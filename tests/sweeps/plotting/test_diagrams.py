@@ -5,6 +5,7 @@ import pytest
 from matplotlib.collections import QuadMesh
 
 from sweeps import ConfigError
+from sweeps.opened import coordinates
 from sweeps.opened.opened_sweep import OpenedSweep
 from sweeps.plotting import Page, bifurcation, diagram, impacts, pixels, section, trajectory
 from sweeps.plotting.contents import select_line
@@ -53,7 +54,7 @@ def test_the_height_is_measured_from_the_stop_of_each_point(random_sweep, monkey
     panel = bifurcation(dataset, **cut).axes[0]
     assert drawn(panel) == pairs(clearance[:, None], height)
     assert plain(panel.get_ylabel()) == r"height above the stop $\sigma - x$"
-    monkeypatch.setattr(pixels, "_CHUNK", 10)
+    monkeypatch.setattr(coordinates, "_VALUES_READ", 10)
     line, *_ = select_line(OpenedSweep(dataset), **cut)
     parts = pixels.computed_chunks(line, "poincare_height")
     np.testing.assert_array_equal(np.concatenate([values for _, values in parts]), height)
@@ -148,7 +149,7 @@ def test_very_many_points_become_a_density(random_sweep, monkeypatch, with_layou
     """Against NumPy's histogram, with a failed point and missing impacts, on a logarithmic axis."""
     values = np.geomspace(0.5, 8.0, 3000)
     monkeypatch.setattr(diagram, "DENSITY_FROM", 100)
-    monkeypatch.setattr(pixels, "_CHUNK", 500)
+    monkeypatch.setattr(coordinates, "_VALUES_READ", 500)
     status = np.zeros(3000, np.int8)
     status[1234] = Status.UNRESOLVED
     dataset = random_sweep({"omega": values}, status=status)
