@@ -144,12 +144,30 @@ def test_without_damping_orbits_vanish_at_a_multiple_of_the_eigenfrequency(R):
 
 
 def test_a_branch_without_an_end_is_lost():
-    """Without damping and loss its speed grows without bound towards omega = 2 p."""
+    """Without damping and loss its speed grows without bound towards omega = 2 p, or 2 p / 3.
+
+    The fold vanishes there with all digits of its slope, which hide no roots.
+    """
     start = one_impact_orbit(Oscillator(h=0.0, R=1.0, omega=2.3, f=1.0, clearance=-0.4))
-    found = branch(start, "omega", 1.5, 2.5)
-    assert [point.kind for point in found.special] == ["lost", "edge"]
-    assert found.special[0].value == pytest.approx(2.0, abs=1e-9)
-    assert found.speeds[0] > 500.0 and len(found.values) < 200
+    osc = Oscillator(h=0.0, R=1.0, omega=0.5, f=1.0, clearance=0.3)
+    three = solved(osc, 1, np.array([3.6, 4.7, 5.8]), np.array([1.0, 1.2, 1.0]))
+    downward, upward = branch(start, "omega", 1.5, 2.5), branch(three, "omega", 0.5, 1.0)
+    for end, edge, limit in ((0, -1, 2.0), (-1, 0, 2.0 / 3.0)):
+        found = downward if end == 0 else upward
+        assert (found.special[end].kind, found.special[edge].kind) == ("lost", "edge")
+        assert found.special[end].value == pytest.approx(limit, abs=1e-9)
+        assert found.speeds[end].min() > 500.0 and len(found.values) < 200
+
+
+def test_the_slope_of_a_fold_that_is_rounding_shortens_no_step():
+    """At resonance the loss of the impacts alone bounds the speeds: a multiplier is 1 - 4e-7."""
+    osc = Oscillator(h=0.0, R=0.9999, omega=1.0, f=1.0)
+    start = solved(osc, 1, np.array([0.515, 3.673]), np.array([82.1, 82.9]))
+    found = branch(start, "clearance", -1.0, 1.0)
+    assert [point.kind for point in found.special] == ["graze", "flip", "fold", "graze"]
+    (fold,) = special(found, "fold")
+    assert found.values.max() == fold and len(found.values) < 300
+    assert [len(found.at(fold + away)) for away in (-1e-9, 1e-9)] == [2, 0]
 
 
 @pytest.mark.parametrize(("h", "R"), [(0.0, 1.0), (1e-9, 1.0), (0.0, 1.0 - 1e-9)])

@@ -62,6 +62,9 @@ from vibroimpact.step.polynomial import TERMS, first_crossing
 #: narrow span is a large number: the step is at least ``_DIFFERENCE_SHARE`` of it, far above its
 #: rounding, but at most the step for flights.
 _DIFFERENCE, _DIFFERENCE_SHARE = 1e-9, 1e-12
+#: A change of a test function over this step is rounding if it is less than this share of the
+#: larger of them; its slope is then zero.
+_ROUNDINGS = 16.0 * 2.0**-52
 #: The natural oscillation of a flight advances by less than this in a step [rad].
 _MOST_ADVANCE = 1.0
 #: Where less than this share of the tangent of a curve of folds is off the null vector of the fold,
@@ -155,8 +158,11 @@ def set_test_functions(system, X, tangent, bounds, tests):
     q, k, step = system.q, system.free.size, difference(system, X)
     _fill_tests(system, X, bounds, tests[0])
     _fill_tests(system, moved(X, step, tangent), bounds, tests[1])
+    first, second = abs(tests[0, 2 * k]), abs(tests[0, 2 * k + 1])  # the second may be NaN
+    rounding = _ROUNDINGS * larger(first, second)
     for i in range(2 * k + 2):
-        tests[1, i] = (tests[1, i] - tests[0, i]) / step
+        change = tests[1, i] - tests[0, i]
+        tests[1, i] = change / step if abs(change) > rounding else 0.0
     for j in range(k):
         tests[1, 2 * j] = tangent[free_at(q, j)]
         tests[1, 2 * j + 1] = -tangent[free_at(q, j)]
