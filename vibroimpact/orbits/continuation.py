@@ -65,7 +65,10 @@ _MOST_AT_END = 60
 
 def continue_branch(family: OrbitFamily, start: Point) -> Iterator[ArclengthStep]:
     """Yield the steps of a path from a point along its tangent; only the last may have length 0."""
-    point, length, orientation = start, _FIRST, 0.0  # the start may be where paths cross
+    point, length, orientation = start, _FIRST, 0.0  # a branch may start where paths cross
+    if family.kind:
+        along = family.inner(family.tangent(start.X), start.tangent)
+        orientation = math.copysign(1.0, along)
     for number in range(MOST_POINTS):
         step, orientation = _step(family, point, length, orientation)
         if number > 3 and not step.last and _returns(step, start):
