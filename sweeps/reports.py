@@ -48,8 +48,8 @@ RESULTS = (
 _MANY = 0.05
 
 
-def plan(config: SweepConfig, path: Path, cost: Cost) -> str:
-    """Describe a sweep and its cost before it is run."""
+def plan(config: SweepConfig, path: Path, cost: Cost, remaining: int) -> str:
+    """Describe a sweep and its cost before it is run, with the time for its `remaining` points."""
     sweep, spec = config.sweep, config.sweep.spec
     most = "at most " if sweep.known_periods is None else ""
     periods = sweep.size * sweep.most_periods
@@ -66,7 +66,7 @@ def plan(config: SweepConfig, path: Path, cost: Cost) -> str:
         rows.append(("f", "one value is computed, the others are scaled"))
     compressed = "" if config.compression == "none" else f" before {config.compression}"
     rows += [
-        ("expected time", f"about {shown_duration(cost.seconds)}"),
+        ("expected time", f"about {shown_duration(cost.seconds * remaining / sweep.size)}"),
         ("size of the file", shown_bytes(cost.file) + compressed),
         ("memory", f"about {shown_bytes(cost.memory)} for the blocks in work"),
         ("output", str(path)),

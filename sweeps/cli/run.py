@@ -151,11 +151,13 @@ def planned_text(
     from sweeps.engine.estimate import expected_cost
     from sweeps.engine.executors import LocalComputer
     from sweeps.reports import plan
+    from sweeps.store.parts import finished_points
 
     computer = LocalComputer(threads) if client is None else ClusterComputer(client)
     with progress_shown(f"estimating the cost of {config.name}"):
         cost = expected_cost(config.sweep, path, computer, resume)
-    return plan(config, path, cost)
+    finished, _ = (resume and finished_points(path)) or (0, 0)
+    return plan(config, path, cost, config.sweep.size - finished)
 
 
 def run_and_report(config: SweepConfig, path: Path, quiet: bool, **options: Any) -> bool:

@@ -10,7 +10,6 @@ import time
 import warnings
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import AbstractContextManager, closing, contextmanager, suppress
-from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -137,8 +136,7 @@ def run_sweep(
             console.print(printable(f"{path} is complete: nothing was left to do"))
             return path
         remaining = sum(map(block_points, pending))
-        cost = replace(cost, seconds=cost.seconds * remaining / config.sweep.size)
-        console.print(printable(plan(config, path, cost)))
+        console.print(printable(plan(config, path, cost, remaining)))
         if writer.damaged:
             console.print(f"damaged blocks, which are computed again: {writer.damaged}")
         with _progress(config, remaining, computer, console) as advance:

@@ -11,6 +11,7 @@ import xarray as xr
 
 import sweeps
 from sweeps.engine import executors
+from sweeps.grid import Cost
 from sweeps.plotting import section
 from sweeps.store.variables import VARIABLES
 from tests.helpers.commands import SMALL, accepted, call, refused
@@ -244,6 +245,13 @@ def test_dry_run_says_what_would_be_done_and_does_nothing(monkeypatch):
     assert re.fullmatch(r"about \d\S* s", time)
     assert re.fullmatch(r"about \d\S* kB for the blocks in work", memory)
     assert [path.name for path in Path().iterdir()] == ["sweep.yaml"]
+
+
+def test_a_dry_run_of_the_rest_tells_the_time_of_the_points_that_are_left(monkeypatch):
+    monkeypatch.setattr("sweeps.engine.estimate.expected_cost", lambda *_: Cost(50.0, 1, 1, 1))
+    monkeypatch.setattr("sweeps.store.parts.finished_points", lambda path: (8, 10))
+    for options, time in (((), "50 s"), (("--resume",), "10 s")):
+        assert f"about {time}\n" in accepted("run", "sweep.yaml", "--dry-run", *options)
 
 
 def test_every_start_says_what_it_takes():
