@@ -125,8 +125,8 @@ class Snapshot:
             return np.asarray(self.results["status"] == kind)
         if COORDINATES[self.view.ordinate].dimension != "impact":
             return np.zeros(len(self.values), bool)
-        kept = self.results["impact_v"].shape[1]
-        return shown_in_part(self.results, self.config.record.periods, kept)
+        width = self.results["impact_v"].shape[1]
+        return shown_in_part(self.results, self.config.record.periods, width)
 
 
 class Diagram(PixelFigure):
@@ -135,7 +135,7 @@ class Diagram(PixelFigure):
     def __init__(self, report: Report) -> None:
         super().__init__("diagram", report)
         #: The picture computed last.
-        self.kept: Snapshot | None = None
+        self.snapshot: Snapshot | None = None
         #: The window that fits all points of the last picture without a window of its own.
         self._fit: Window = _UNSEEN
         #: Whether the browser fits the ordinate to the points; before the first view it does not.
@@ -143,10 +143,10 @@ class Diagram(PixelFigure):
         self.figure.xgrid.grid_line_alpha = self.figure.ygrid.grid_line_alpha = 0.4
         self.set_colours(ramp())
         y = self.figure.y_range
-        parts = {"pixels": self.source, "y": y, "fits": self.fits}
-        self.source.js_on_change("data", models.CustomJS(args=parts, code=f"{_FIT}fit_ordinate();"))
+        args = {"pixels": self.source, "y": y, "fits": self.fits}
+        self.source.js_on_change("data", models.CustomJS(args=args, code=f"{_FIT}fit_ordinate();"))
         for end in ("start", "end"):
-            y.js_on_change(end, models.CustomJS(args=parts, code=_MOVED))
+            y.js_on_change(end, models.CustomJS(args=args, code=_MOVED))
         self._strips = self._new_strips()
         self.mark = models.Span(
             dimension="height", location=0.0, visible=False, name="mark", line_width=2,
@@ -194,9 +194,9 @@ class Diagram(PixelFigure):
         """Return the steps that draw a view: first coarse, then fine, then with more periods."""
         columns, rows = self.resolution
         configs = self.configurations(view)
-        kept = None if self.kept is None else self.kept.config
-        if kept in configs:  # continue from the results computed last
-            configs = configs[configs.index(kept) :]
+        computed = None if self.snapshot is None else self.snapshot.config
+        if computed in configs:  # continue from the results computed last
+            configs = configs[configs.index(computed) :]
         else:
             configs = [view.diagram(max(LEAST_PIXELS, columns // _COARSER)), *configs]
         shown = view.axis, view.ordinate, view.ylim, rows
@@ -227,18 +227,18 @@ class Diagram(PixelFigure):
 
     def _draw(self, view: View, config: SweepConfig, rows: int) -> Snapshot:
         """Compute a picture; if the configuration is the last one, only its pixels."""
-        kept = self.kept
+        snapshot = self.snapshot
         begin = perf_counter()
-        if kept is not None and kept.config == config:
-            results, seconds = kept.results, kept.seconds
+        if snapshot is not None and snapshot.config == config:
+            results, seconds = snapshot.results, snapshot.seconds
         else:
             results = compute_all(config.sweep)
             seconds = perf_counter() - begin
         values = ordinates(config, results, view.ordinate)
         window = fitted(values) if view.ylim is None else view.ylim
         pixels = density(values, window, rows)
-        self.kept = Snapshot(view, config, results, window, pixels, seconds)
-        return self.kept
+        self.snapshot = Snapshot(view, config, results, window, pixels, seconds)
+        return self.snapshot
 
     def _paint(self, picture: Snapshot, seconds: float) -> None:
         """Show a picture, the window that fits it, and the points that failed."""
@@ -281,10 +281,10 @@ class Branches:
     def __init__(self, diagram: Diagram) -> None:
         self._diagram = diagram
         #: The `_depends_on` of the view, and of the branches painted last.
-        self._wanted: Any = None
+        self._requested: Any = None
         self._painted: Any = None
         #: The branches found last, with the configuration of the points they start from.
-        self._found: tuple[SweepConfig, xr.Dataset] | None = None
+        self._branches: tuple[SweepConfig, xr.Dataset] | None = None
         figure = diagram.figure
         self.sources = {
             name: models.ColumnDataSource(columns, name=name)
@@ -306,8 +306,8 @@ class Branches:
 
     def show(self, view: View) -> None:
         """Show the painted branches only if they belong to this view."""
-        self._wanted = _depends_on(view)
-        self._show_wanted()
+        self._requested = _depends_on(view)
+        self._show_current()
 
     def steps(self, view: View, columns: int) -> list[Step]:
         """Return the step that finds the branches, if the view shows them."""
@@ -321,33 +321,33 @@ class Branches:
         """Follow the branches from the points of the diagram; return the data of each part."""
         from sweeps.plotting.exact_lines import branch_pieces  # this import takes a second
 
-        if self._found is None or self._found[0] != config:
+        if self._branches is None or self._branches[0] != config:
             sweep = config.sweep
             check_axis(view.axis, sweep.grid.axes[view.axis], "it")
             line = motions_from(sweep.spec, sweep.grid.points(), compute_all(sweep))
             phase = config.record.phase
-            self._found = config, branches_of([line], view.axis, phase, lambda share: check())
-        parts = _nothing()
-        for name, x, y, _, orbit in branch_pieces(self._found[1], view.ordinate):
-            columns, x = parts[name], config.nomenclature.value(view.axis, x)
+            self._branches = config, branches_of([line], view.axis, phase, lambda share: check())
+        pieces = _nothing()
+        for name, x, y, _, orbit in branch_pieces(self._branches[1], view.ordinate):
+            columns, x = pieces[name], config.nomenclature.value(view.axis, x)
             for column in y.T:
                 columns["x"] += [x] if name in _LINES else x.tolist()
                 columns["y"] += [column] if name in _LINES else column.tolist()
                 columns["orbit"] += [orbit] if name in _LINES else [""] * len(x)
-        return parts
+        return pieces
 
-    def _paint(self, depends_on: Any, parts: Columns, seconds: float) -> None:
-        """Show the parts of the branches."""
+    def _paint(self, depends_on: Any, pieces: Columns, seconds: float) -> None:
+        """Show the pieces of the branches."""
         self._painted = depends_on
         for name, source in self.sources.items():
-            source.data = parts[name]
-        self._show_wanted()
+            source.data = pieces[name]
+        self._show_current()
 
-    def _show_wanted(self) -> None:
-        """Show the branches if they belong to the view, with a legend of the existing parts."""
-        wanted = self._wanted is not None and self._wanted == self._painted
+    def _show_current(self) -> None:
+        """Show the branches if they belong to the view, with a legend of the existing pieces."""
+        is_current = self._requested is not None and self._requested == self._painted
         for item, source in zip(self._items, self.sources.values(), strict=True):
-            item.visible = item.renderers[0].visible = wanted and bool(source.data["x"])
+            item.visible = item.renderers[0].visible = is_current and bool(source.data["x"])
         self._diagram.show_legend()
 
 

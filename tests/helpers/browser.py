@@ -76,7 +76,7 @@ class Window:
         # A page that took long to load is made again.
         self.tab.wait_for_function("window.Bokeh?.documents?.length")
         self.page: LivePage = explorer.pages[-1]
-        self.settle(lambda: self.page.diagram.kept is not None)
+        self.settle(lambda: self.page.diagram.snapshot is not None)
         # A drag that begins with 300 ms of rest is ignored, and a busy machine may be that slow.
         self.tab.evaluate("Bokeh.require('core/ui_gestures').UIGestures.press_threshold = 1e9")
 
@@ -134,7 +134,7 @@ class Window:
 
     def painted(self) -> bool:
         """Whether the browser has the window and the fine picture of the view."""
-        shown, (columns, rows) = self.page.diagram.kept, self.page.diagram.size
+        shown, (columns, rows) = self.page.diagram.snapshot, self.page.diagram.size
         view = self.page.view
         if view.tab != DIAGRAM_TAB:
             return True

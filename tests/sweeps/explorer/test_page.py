@@ -61,7 +61,7 @@ def before_chaos(window):
 
 def expected(page):
     """Return the picture of the page's view, computed independently of the page."""
-    view, rows = page.view, page.diagram.kept.pixels.shape[0]
+    view, rows = page.view, page.diagram.snapshot.pixels.shape[0]
     config = page.diagram.configurations(view)[-1]
     values = ordinates(config, compute_all(config.sweep), view.ordinate)
     return density(values, view.ylim or fitted(values), rows)
@@ -120,7 +120,7 @@ def test_a_zoom_wins_over_a_picture_that_crosses_it_on_the_way(window):
         """Send a picture that fits another window before the server has read the browser's zoom."""
         sending.set()
         sent.wait(300.0)
-        page.diagram._paint(replace(page.diagram.kept, window=(-9.0, 9.0)), 0.0)
+        page.diagram._paint(replace(page.diagram.snapshot, window=(-9.0, 9.0)), 0.0)
 
     page.document.add_next_tick_callback(paint)
     assert sending.wait(300.0)
@@ -307,7 +307,7 @@ def test_what_is_saved_runs_to_the_same_numbers(window, tmp_path):
     (path,) = page.folder.glob("scene-view-*.yaml")
     accepted("run", path, "-o", tmp_path / "again.h5", "--quiet")
     path.unlink()
-    shown = page.diagram.kept.results
+    shown = page.diagram.snapshot.results
     with open_sweep(tmp_path / "again.h5") as dataset:
         assert dataset.sizes["section"] == page.view.record["periods"] == 4
         assert dataset.sizes["impact"] == page.view.record["impacts"] and "period" in dataset

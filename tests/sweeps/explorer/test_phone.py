@@ -141,7 +141,7 @@ def test_keys_move_and_zoom_the_window_and_close_the_motion(window):
     key("Escape")
     window.settle(lambda: not page.view.marked)
     window.settle(window.tab.get_by_text("close (Esc)").first.is_hidden)
-    low, high = page.diagram.kept.window
+    low, high = page.diagram.snapshot.window
     key("+")
     window.settle(lambda: page.view.xlim == pytest.approx((2.675, 3.225)))
     middle, quarter = 0.5 * (low + high), 0.25 * (high - low)

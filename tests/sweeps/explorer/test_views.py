@@ -49,7 +49,7 @@ def test_the_diagram_records_on_and_throws_nothing_away(view):
     np.testing.assert_array_equal(last[:, :3], first)
     (step,) = diagram.steps(replace(view, ylim=(-0.4, -0.3)))
     assert step.compute().results is drawn[-1].results
-    assert diagram.kept is not None and diagram.kept.config == drawn[-1].config
+    assert diagram.snapshot is not None and diagram.snapshot.config == drawn[-1].config
 
 
 def test_the_height_is_that_above_the_stop_of_each_column(view):
