@@ -1,7 +1,7 @@
 from . import plotting as plotting
+from .attractor.attractors import attractors as attractors
 from .attractor.integrity import integrity as integrity
 from .attractor.knocks import knocks as knocks
-from .attractor.partition import attractors as attractors
 from .bifurcation.bifurcation_table import bifurcations as bifurcations
 from .bifurcation.exact_branches import branches as branches
 from .bifurcation.exact_curves import curves as curves

@@ -12,12 +12,12 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 import xarray as xr
 
-from sweeps.attractor.partition import ATTRACTOR_COLUMNS, SETS, GridIndex
+from sweeps.attractor.attractors import ATTRACTOR_COLUMNS, SETS, GridIndex
 from sweeps.attractor.tracking import MOST_TRACKED
 from sweeps.grid import TABLE
+from sweeps.opened.export import headed
 from sweeps.opened.motions import run_on
 from sweeps.opened.opened_sweep import START_AXES, OpenedSweep, Selection
-from sweeps.opened.tables import headed
 from sweeps.store.variables import DIRECTION
 from sweeps.text import shown_count, shown_range, table
 from vibroimpact.points.regimes import Label, Regime, rest_of

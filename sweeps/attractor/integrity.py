@@ -18,7 +18,7 @@ import math
 import numpy as np
 import xarray as xr
 
-from sweeps.attractor.partition import COUNTED, attractors
+from sweeps.attractor.attractors import COUNTED, attractors
 from sweeps.errors import Refused
 from sweeps.opened.doors import takes_sweep
 from sweeps.opened.motions import run_on

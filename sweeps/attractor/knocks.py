@@ -22,7 +22,7 @@ from typing import NamedTuple
 import numpy as np
 import xarray as xr
 
-from sweeps.attractor.partition import attractors
+from sweeps.attractor.attractors import attractors
 from sweeps.errors import Refused
 from sweeps.opened.doors import takes_sweep
 from sweeps.opened.motions import MOTION, ORBIT_TOLERANCE, orbit_of_motion, section_distance

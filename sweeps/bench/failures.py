@@ -1,4 +1,4 @@
-"""Stability of a step, and every `Failure`: scenes and figures of where the methods fail.
+"""Charts where a step is unstable; each `Failure`: scenes and figures of where methods fail.
 
 Without force and stop, eq. (1) has one parameter, zeta = h / p; a step adds p T.
 

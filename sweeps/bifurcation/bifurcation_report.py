@@ -1,4 +1,4 @@
-"""Writes the list of bifurcations: points without a class, ratios of a cascade, hints."""
+"""The list of bifurcations as text: points without a class, ratios of a cascade, hints."""
 
 from __future__ import annotations
 

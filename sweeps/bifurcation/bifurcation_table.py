@@ -1,4 +1,4 @@
-"""`bifurcations`: a row for each change of class, exact bifurcation or crisis.
+"""`bifurcations`, a DataFrame: a row for each change of class, bifurcation or crisis.
 
 Along a single line of a sweep, crises and the other bifurcations of the exact branches are added.
 """
@@ -22,8 +22,8 @@ from sweeps.bifurcation.class_changes import (
 from sweeps.bifurcation.crises import MOST_MOTIONS, Chaos, crisis
 from sweeps.bifurcation.exact_branches import MOST_BRANCHES, branches, wide_branches
 from sweeps.opened.doors import takes_sweep
+from sweeps.opened.export import headed
 from sweeps.opened.opened_sweep import START_AXES, OpenedSweep, Selection
-from sweeps.opened.tables import headed
 from sweeps.store.variables import DIRECTION
 from vibroimpact.orbits.curves import CURVE_KINDS
 from vibroimpact.points.regimes import Label, Regime, labels_of

@@ -1,4 +1,4 @@
-"""`branches`: chooses seeds on a line, fills the Dataset; adds special points, also for curves.
+"""`branches`: orders seeds by class, fills the Dataset; adds special points, also for curves.
 
 Every periodic motion in the file is a seed: Newton's method finds its orbit, and the branch of the
 orbit is followed, with the branches that begin at its flips and grazes

@@ -307,7 +307,7 @@ def named(source: object) -> Iterator[None]:
 def save_table(csv: Path | None, table: Any, *, error: bool = False) -> None:
     """Write a table to a CSV file, if one is given, and say its name."""
     if csv is not None:
-        from sweeps.opened.tables import write_csv
+        from sweeps.opened.export import write_csv
 
         write_csv(csv, [table])
         say(csv, error=error)

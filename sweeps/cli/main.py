@@ -216,7 +216,7 @@ def accuracy_speed(
 
     from sweeps.bench import accuracy as bench
     from sweeps.bench import accuracy_results as results
-    from sweeps.opened.tables import refuse_points
+    from sweeps.opened.export import refuse_points
 
     plan = bench.QUICK if quick else bench.FULL
     if config is not None:
@@ -272,7 +272,7 @@ def speed(
 ) -> None:
     """Show the forcing periods per second of this machine, and the share of its peak."""
     from sweeps.bench import speed
-    from sweeps.opened.tables import json_text
+    from sweeps.opened.export import json_text
     from sweeps.store.replacing import writing
 
     count, periods = (1024, 150) if quick else (4096, 300)

@@ -286,7 +286,7 @@ def _exact(
     """Find the exact branches, or the curves of a map; return them, lines to print and a table."""
     from sweeps.bifurcation.exact_branches import MOST_BRANCHES, branches
     from sweeps.bifurcation.exact_curves import curves
-    from sweeps.opened import tables
+    from sweeps.opened import export
     from sweeps.opened.result_cache import with_cache
     from sweeps.plotting.contents import refuse_without_branches, select_line
     from sweeps.plotting.exact_lines import without_idle
@@ -306,7 +306,7 @@ def _exact(
         read_overlay(overlay, sweep, [[pair[0]], [pair[1]]], name)  # before all is computed
         with progress_shown("following exact orbits", quiet) as report:
             orbits = with_cache(curves, notes.append)(sweep, pair, cut, report, **chosen)
-        return orbits, [*orbits.attrs["summary"].split("\n"), *notes], tables.curve_table(orbits)
+        return orbits, [*orbits.attrs["summary"].split("\n"), *notes], export.curve_table(orbits)
     if "kinds" in chosen:
         raise Refused("--kinds chooses curves over a map, and a diagram shows branches")
     line, axis, coordinate = select_line(sweep, axes, cut, options.get("coordinate"))
@@ -320,4 +320,4 @@ def _exact(
             f"branches not drawn, because no motion goes to them: {idle}; "
             f"--most {MOST_BRANCHES + 1} draws them, and --classes those of some classes"
         )
-    return orbits, lines, tables.branch_table(orbits, coordinate)
+    return orbits, lines, export.branch_table(orbits, coordinate)

@@ -29,7 +29,7 @@ def attractors_command(
     json: bool = common.JSON,
 ) -> None:
     """List the attractors of a sweep, their impact speeds, and how many starts reach each."""
-    from sweeps.attractor.partition import attractors
+    from sweeps.attractor.attractors import attractors
 
     _show_attractors(file, at, csv, json, "looking for attractors", attractors)
 
@@ -67,7 +67,7 @@ def _show_attractors(
 ) -> None:
     """Show the attractors that are found in a part of a sweep, and write them to a CSV file."""
     from sweeps.attractor import attractor_table as text
-    from sweeps.opened.tables import json_text, refuse_points
+    from sweeps.opened.export import json_text, refuse_points
 
     cuts = common.selection_of(at)
     with common.opened_in_si(file) as sweep, common.named(file):
@@ -114,7 +114,7 @@ def info_command(
         elif config:
             _show_configuration(sweep)
         else:
-            from sweeps.opened.tables import contents, contents_by_key, json_text
+            from sweeps.opened.export import contents, contents_by_key, json_text
 
             if json:
                 common.say(json_text(contents_by_key(sweep)))
@@ -148,8 +148,8 @@ def _show_bifurcations(
     """Show the bifurcations along an axis, and write them to a CSV file if one is given."""
     from sweeps.bifurcation.bifurcation_report import bifurcation_report
     from sweeps.bifurcation.bifurcation_table import find_bifurcations, public_table
+    from sweeps.opened.export import json_text
     from sweeps.opened.result_cache import with_cache
-    from sweeps.opened.tables import json_text
 
     notes = list[str]()
     with progress_shown("following exact orbits") as report:
@@ -213,7 +213,7 @@ def export_command(
     at: list[str] = common.CUT_AT,
 ) -> None:
     """Write a row for every point, with its class and numbers, or every section or impact."""
-    from sweeps.opened.tables import ROWS, write_rows
+    from sweeps.opened.export import ROWS, write_rows
 
     if rows not in ROWS:
         raise Refused(f"--rows {rows} is not allowed; expected: points, sections or impacts")

@@ -17,7 +17,7 @@ from pydantic_core import ErrorDetails
 
 from sweeps.config.checks import conflicts, with_defaults
 from sweeps.config.groups import RecordConfig, TrajectoryConfig, key_list
-from sweeps.config.points import read_points
+from sweeps.config.points_table import read_points
 from sweeps.config.rig import derived_columns
 from sweeps.config.sweep import SweepConfig, dotted_keys
 from sweeps.config.values import MOST_VALUES, ConflictError, Group, Key, Range, null

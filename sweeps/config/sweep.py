@@ -29,7 +29,7 @@ from sweeps.config.groups import (
     key_list,
     number_schema,
 )
-from sweeps.config.points import COLUMN_NAME, in_model, with_columns
+from sweeps.config.points_table import COLUMN_NAME, in_model, with_columns
 from sweeps.config.rig import RIG_PARAMETERS, Nomenclature, RigConfig, with_rig
 from sweeps.config.values import Axis, Group, Table, known_word, null
 from sweeps.grid import TABLE, Grid, Sweep

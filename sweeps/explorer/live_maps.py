@@ -13,8 +13,8 @@ from bokeh.layouts import column
 from bokeh.models import ColumnDataSource, Div, Range1d, Span
 
 from sweeps.attractor.attractor_table import AttractorRow, orbits_of
+from sweeps.attractor.attractors import COUNTED, attractors_of
 from sweeps.attractor.integrity import measures_of
-from sweeps.attractor.partition import COUNTED, attractors_of
 from sweeps.config.sweep import SweepConfig
 from sweeps.engine.estimate import block_size
 from sweeps.engine.executors import compute
@@ -152,7 +152,7 @@ class Filling:
 
     def _region_names(self, classes: np.ndarray, names: dict[int, str]) -> list[Name]:
         """Return the names of the regions of a map; none until enough of it is computed."""
-        from sweeps.plotting.names import placed_names
+        from sweeps.plotting.placed_names import placed_names
 
         grid = self._raster(classes)
         rows, columns = (_middles_of_cells(size, _NAMED) for size in grid.shape)

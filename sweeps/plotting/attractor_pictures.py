@@ -22,7 +22,7 @@ from sweeps.attractor.attractor_table import (
     classes_text,
     parameter_axes,
 )
-from sweeps.attractor.partition import attractors
+from sweeps.attractor.attractors import attractors
 from sweeps.config.groups import STARTS
 from sweeps.errors import Refused
 from sweeps.opened.coordinates import ORDINATES, records
@@ -40,9 +40,9 @@ from sweeps.plotting.looks import (
 )
 from sweeps.plotting.maps import draw_cells, entries_of, name_and_bound, view_of
 from sweeps.plotting.marks import edge_of, mark_some, mark_status, marker_size, widen_if_constant
-from sweeps.plotting.names import name_lines
 from sweeps.plotting.page import PAGE, Page, styled
 from sweeps.plotting.pixels import in_view
+from sweeps.plotting.placed_names import name_lines
 from sweeps.plotting.style import PARTIAL, Look, ground, ink
 from sweeps.store.variables import DIRECTION
 from sweeps.text import choice_of, fewest_digits, listed, shown_count

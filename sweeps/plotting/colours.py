@@ -1,4 +1,4 @@
-"""Colours points by a number (`Paint`): classes with a legend, others with a bar."""
+"""Colours points by a number (`Paint`): classes, few values with a legend, others with a bar."""
 
 from __future__ import annotations
 

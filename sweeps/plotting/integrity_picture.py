@@ -28,8 +28,8 @@ from sweeps.plotting.attractor_pictures import Basins, attractors_in
 from sweeps.plotting.contents import refuse_without_result
 from sweeps.plotting.looks import Cells, Looks, names_of
 from sweeps.plotting.maps import entries_of, view_of
-from sweeps.plotting.names import name_lines
 from sweeps.plotting.page import PAGE, Page, styled
+from sweeps.plotting.placed_names import name_lines
 from sweeps.plotting.style import Look, ground, ink
 from sweeps.text import shown_count
 from vibroimpact import Oscillator, simulate

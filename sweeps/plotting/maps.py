@@ -22,9 +22,9 @@ from sweeps.plotting.contents import Numbers, fitting_orbits, with_number
 from sweeps.plotting.exact_lines import draw_curves
 from sweeps.plotting.legend import COMMON
 from sweeps.plotting.looks import OTHERS, Cells, class_numbers, failed_cells, patch_named
-from sweeps.plotting.names import draw_boundaries, name_regions
 from sweeps.plotting.page import PAGE, Page, styled
 from sweeps.plotting.pixels import cell_edges
+from sweeps.plotting.placed_names import draw_boundaries, name_regions
 from sweeps.plotting.style import CLASSES, ground, hatch_on
 from sweeps.plotting.table_points import draw_overlay, read_overlay
 from vibroimpact.points.regimes import ON_ITS_WAY, RESTING, has_result

@@ -17,7 +17,7 @@ from matplotlib.colors import Colormap, Normalize
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from sweeps.config.points import check_header, read_columns
+from sweeps.config.points_table import check_header, read_columns
 from sweeps.errors import Refused
 from sweeps.grid import TABLE
 from sweeps.opened.coordinates import ORDINATES

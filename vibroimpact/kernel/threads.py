@@ -21,7 +21,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from vibroimpact.destination.find import (
+from vibroimpact.destination.judge import (
     NO_DESTINATION,
     Memory,
     Motion,

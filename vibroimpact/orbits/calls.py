@@ -1,4 +1,4 @@
-"""Calls from Python what the files above compile, through one function for every task.
+"""The compiled functions of this room as Python calls them, through one for every task.
 
 What Python calls is optimised together with all that it calls. These functions have most of that in
 common, so one function that does the task of each compiles in half the time of all of them.

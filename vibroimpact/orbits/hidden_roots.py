@@ -1,4 +1,4 @@
-"""Whether a step along a path may hide roots of test functions.
+"""Proves that a step along a path hides no roots of test functions.
 
 Along a branch or a curve the test functions are smooth:
 
@@ -258,7 +258,7 @@ def _may_have_cusps(system, X, tangent, Y, tangent_Y, length):
 def step_may_miss(system, here, there, length):
     """Whether a step may miss roots of the test functions, or points that are not orbits.
 
-    It leads from a place to another (``calls.PlainPoint``); `length` is its length along the first
+    It leads from a place to another (`PlainPoint`); `length` is its length along the first
     tangent.
     """
     X, tangent, tests = here

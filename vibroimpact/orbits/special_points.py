@@ -1,4 +1,4 @@
-"""`Path`: collects the steps of one way or both; locates each `SpecialPoint` between.
+"""`Path`: steps one way or both, why it is lost; locates each `SpecialPoint` within.
 
 The test functions of flip and fold are det J(mu) at mu = -1 and +1 (``unknowns.py``). Cusps are
 points on a curve of folds where both parameters turn back together. A curve of grazes meets curves

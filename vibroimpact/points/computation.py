@@ -25,7 +25,7 @@ from functools import partial
 
 import numpy as np
 
-from vibroimpact.destination.find import NO_DESTINATION
+from vibroimpact.destination.judge import NO_DESTINATION
 from vibroimpact.kernel.integrate import (
     Length,
     find_destinations,

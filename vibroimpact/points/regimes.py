@@ -1,4 +1,4 @@
-"""Tells the `Regime` and class (`Label`) of a motion by its record, or that it is unknown.
+"""`Regime` (periodic, rest, chaotic, unknown) and class (`Label`) of a motion by its record.
 
 The record of a point determines its regime. The first of these rules that applies decides:
 

@@ -1,4 +1,4 @@
-"""`Parameters`; a step function for each integrator of eq. (1) between impacts; its map.
+"""`Parameters`; a step function for each integrator of eq. (1); its map and spectral radius.
 
 Eq. (1) is linear, so a step of any of these integrators is an affine map,
 

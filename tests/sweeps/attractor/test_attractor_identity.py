@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from sweeps import attractors
+from sweeps.attractor.attractors import same_motions
 from sweeps.attractor.knocks import _Attractors
-from sweeps.attractor.partition import same_motions
 from sweeps.errors import Refused
 from sweeps.opened.motions import ORBIT_TOLERANCE, Cycles, distances
 from sweeps.opened.opened_sweep import OpenedSweep
@@ -109,7 +109,7 @@ def test_the_work_is_in_proportion_to_the_number_of_attractors(monkeypatch):
     """As for an undamped oscillator, where every start is an attractor."""
     compared = []
     monkeypatch.setattr(
-        "sweeps.attractor.partition.distances",
+        "sweeps.attractor.attractors.distances",
         lambda cycles, a, b: [compared.append(len(a)), distances(cycles, a, b)][1],
     )
     states = np.random.default_rng(0).uniform(-1.0, 0.0, (3000, 1, 2))

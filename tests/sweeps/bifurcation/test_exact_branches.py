@@ -8,9 +8,9 @@ import pytest
 import sweeps
 from sweeps import bifurcations, branches
 from sweeps.errors import Refused
+from sweeps.opened.export import branch_table, write_csv
 from sweeps.opened.motions import orbit_of_motion
 from sweeps.opened.opened_sweep import OpenedSweep
-from sweeps.opened.tables import branch_table, write_csv
 from sweeps.plotting import bifurcation, plot
 from sweeps.plotting.exact_lines import branch_pieces
 from sweeps.plotting.page import Page

@@ -12,7 +12,7 @@ import pytest
 import yaml
 
 from sweeps import load_config, open_sweep
-from sweeps.opened.tables import json_text
+from sweeps.opened.export import json_text
 from sweeps.text import printable
 from tests.helpers.commands import accepted, call, refused
 from tests.helpers.interruptions import environment

@@ -19,7 +19,7 @@ from tests.helpers.commands import call
 from tests.helpers.interruptions import wait_until
 
 WORKING = {
-    "sweeps.attractor.partition.attractors": ("attractors", "starts.h5"),
+    "sweeps.attractor.attractors.attractors": ("attractors", "starts.h5"),
     "sweeps.attractor.integrity.integrity": ("integrity", "starts.h5", "--at", "omega=2"),
     "sweeps.plotting.plot": ("plot", "starts.h5"),
     "sweeps.engine.estimate.expected_cost": ("run", "starts.yaml", "--dry-run", "--overwrite"),

@@ -303,7 +303,7 @@ def test_a_command_that_waits_for_others_is_interrupted_wherever_it_is(
         interrupted(number)
         wait_until(lambda: False, "the interrupt")
 
-    monkeypatch.setattr("sweeps.opened.tables.contents", contents)
+    monkeypatch.setattr("sweeps.opened.export.contents", contents)
     result = call("info", "small.h5")
     assert (result.exit_code, result.stderr) == (1, "vibroimpact: error: interrupted\n")
     assert capfd.readouterr().err == ""

@@ -7,7 +7,7 @@ import pytest
 
 from sweeps import load_config, open_sweep, run_sweep
 from sweeps.attractor.attractor_table import attractor_rows
-from sweeps.attractor.partition import attractors
+from sweeps.attractor.attractors import attractors
 from sweeps.explorer.figures import without_tex
 from sweeps.explorer.live_maps import Filling
 from sweeps.explorer.view import BASINS_TAB, MAP_TAB

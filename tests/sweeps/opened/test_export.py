@@ -12,7 +12,7 @@ import yaml
 
 from sweeps import load_config, open_sweep, run_sweep
 from sweeps.errors import Failed
-from sweeps.opened.tables import write_csv
+from sweeps.opened.export import write_csv
 from tests.helpers.commands import accepted, call, refused
 from tests.helpers.rigs import rig
 from vibroimpact.status import Evidence, Status

@@ -177,7 +177,7 @@ def test_names_of_lines_are_beside_all_points():
     """No point of any line is inside the box of a name, and each name is near its own line."""
     from matplotlib.figure import Figure
 
-    from sweeps.plotting.names import name_lines
+    from sweeps.plotting.placed_names import name_lines
 
     panel = Figure(dpi=100).add_subplot()
     x = np.linspace(0.0, 1.0, 400)
@@ -204,7 +204,7 @@ def test_names_of_lines_are_beside_all_points():
 def test_a_line_without_room_has_no_name():
     from matplotlib.figure import Figure
 
-    from sweeps.plotting.names import name_lines
+    from sweeps.plotting.placed_names import name_lines
 
     panel = Figure(dpi=100).add_subplot()
     dense = np.random.default_rng(0).uniform(size=(40000, 2))

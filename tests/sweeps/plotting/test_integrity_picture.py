@@ -13,7 +13,7 @@ from sweeps.errors import Refused
 from sweeps.plotting import Page
 from sweeps.plotting import integrity as draw_integrity
 from sweeps.plotting.canvas import Picture
-from sweeps.plotting.names import name_regions
+from sweeps.plotting.placed_names import name_regions
 from sweeps.plotting.style import CLASSES, DOT_COLOURS
 from tests.helpers.equal_points import legend_texts
 from vibroimpact.status import Evidence, Status

@@ -14,7 +14,7 @@ from sweeps.opened.opened_sweep import OpenedSweep
 from sweeps.plotting import Page, bifurcation, parameter_map, section
 from sweeps.plotting.looks import period_cells
 from sweeps.plotting.maps import entries_of
-from sweeps.plotting.names import placed_names
+from sweeps.plotting.placed_names import placed_names
 from sweeps.plotting.style import CLASSES, LOOKS
 from tests.helpers.commands import accepted, refused
 from tests.helpers.equal_points import equal_points, legend, legend_texts

@@ -13,7 +13,7 @@ import pytest
 from matplotlib.figure import Figure
 
 from sweeps.errors import Failed, StoreError
-from sweeps.opened.tables import write_csv
+from sweeps.opened.export import write_csv
 from sweeps.plotting.saving import save
 from sweeps.store import replacing as module
 from sweeps.store.replacing import check_target, identity, remove_leftovers, replacing, writing

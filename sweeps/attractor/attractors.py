@@ -1,4 +1,4 @@
-"""`attractors`: which exist at a point (`GridIndex`), their numbers, and which starts reach each.
+"""`attractors`: which exist at a point (`GridIndex`), their numbers, which starts reach each.
 
 A parameter point is a point of the grid without its starts, or a set of parameters in a table. The
 regime of the motion from each start (`sweeps.opened.motions`) decides its attractor:

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import xarray as xr
 
-from sweeps.config.points import header_of
+from sweeps.config.points_table import header_of
 from sweeps.config.rig import RigConfig
 from sweeps.errors import Refused
 from sweeps.opened.coordinates import COORDINATES, in_chunks
