@@ -15,7 +15,7 @@ has hit may contain a smaller one.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection
+from collections.abc import Collection
 from contextlib import suppress
 from typing import NamedTuple
 
@@ -45,8 +45,8 @@ _NEAR_SIZES = np.linspace(-0.1, 0.02, 80)
 #: Forcing periods for which a motion is continued, one after the other until it has a class, and
 #: the last of these that are recorded.
 _STAGES, _KNOCK_RECORD = (200, 800, 3200, 12800), 32
-#: The results that say on which orbit a motion is.
-_OF_ORBIT = ("orbit_x", "orbit_v", "period", "period_impacts")
+#: A motion without a class is beside an orbit if its last sections are within this share of it.
+_BESIDE = 1e-2
 
 #: The meaning and the unit of each field of a `Knock`.
 _KNOCK_FIELDS = {
@@ -160,14 +160,10 @@ class _Attractors:
         self._cycles = {i: orbit.sections(self._phase) for i, orbit in self.orbits.items()}
 
     def _destinations(self, phase: float, states: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the attractors that motions from states (n, 2) reach, and which are certified.
-
-        The attractor is -1 if it is unknown.
-        """
+        """Return the attractors, or -1, that states (n, 2) lead to, and which are certified."""
         points = np.repeat(self._oscillator.at(self._oscillator.clearance, 0.0, phase), len(states))
         points["x0"], points["v0"] = states.T
         number, certified = np.full(len(states), -1), np.ones(len(states), bool)
-        endless = np.ones(len(states), bool)
 
         def run(points: np.ndarray, periods: int) -> Results:
             record = self._spec.stage(periods - _KNOCK_RECORD, _KNOCK_RECORD, 0, False)
@@ -175,33 +171,35 @@ class _Attractors:
 
         def goes_on(rows: np.ndarray, _: int, results: Results) -> np.ndarray:
             rest = rests(results)
+            endless = without_class(results["class_evidence"], results["status"]) & ~rest
             certified[rows] &= results["status"] == Status.CERTIFIED
-            x, v, m, q = (results[name] for name in _OF_ORBIT)
-            near = self._orbits_near(x, v, lambda orbit: (m == orbit.m) & (q == orbit.q))
-            number[rows] = np.where(rest, self._of_regime.get(Regime.REST, -1), near)
-            endless[rows] = without_class(results["class_evidence"], results["status"]) & ~rest
-            return endless[rows]
+            number[rows] = np.where(endless, self._of_regime.get(Regime.CHAOTIC, -1), -1)
+            for attractor, orbit in self.orbits.items():
+                fits = (results["period"] == orbit.m) & (results["period_impacts"] == orbit.q)
+                of_class = self._near(attractor, results, "orbit", fits, ORBIT_TOLERANCE)
+                # Without a class a motion is taken for chaos, unless it lingers beside an orbit
+                # that has just flipped, and therefore beside the orbit of twice the period.
+                lingering = self._near(attractor, results, "poincare", endless, _BESIDE)
+                number[rows[of_class]] = number[rows[lingering]] = attractor
+            number[rows[rest]] = self._of_regime.get(Regime.REST, -1)
+            return endless
 
-        last, _ = in_stages(points, np.cumsum(_STAGES), self._phase, run, goes_on)
-        # Without a class a motion is taken for chaos, unless it lingers beside an orbit that has
-        # just flipped, and therefore beside the orbit of twice the period.
-        lingers = self._orbits_near(last["x0"], last["v0"], lambda orbit: endless)
-        number = np.where(lingers < 0, number, lingers)
-        number[endless & (number < 0)] = self._of_regime.get(Regime.CHAOTIC, -1)
+        in_stages(points, np.cumsum(_STAGES), self._phase, run, goes_on)
         return number, certified
 
-    def _orbits_near(
-        self, x: np.ndarray, v: np.ndarray, fits: Callable[[PeriodicOrbit], np.ndarray]
+    def _near(
+        self, attractor: int, results: Results, states: str, among: np.ndarray, share: float
     ) -> np.ndarray:
-        """Return the attractors whose orbits are near section states and fit them, -1 for none."""
-        o, number = self._oscillator, np.full(len(x), -1)
-        for attractor, orbit in self.orbits.items():
-            rows, cycle = np.flatnonzero(fits(orbit)), self._cycles[attractor]
-            size = ORBIT_TOLERANCE * np.abs((cycle - [o.clearance, 0.0]) / [1.0, o.omega]).max()
-            states, units = np.stack([x, v], axis=1)[rows, None], (size, size * o.omega)
-            apart = section_distance(states, cycle, o.clearance, np.array(o.R), units)
-            number[rows[apart.min(axis=1) <= 1.0]] = attractor
-        return number
+        """Return which motions `among` some have all states within a share of an orbit's size."""
+        o, cycle, rows = self._oscillator, self._cycles[attractor], np.flatnonzero(among)
+        size = share * np.abs((cycle - [o.clearance, 0.0]) / [1.0, o.omega]).max()
+        x, v = (results[f"{states}_{name}"].reshape(len(among), -1).T for name in "xv")
+        for section in np.stack([x, v], axis=2):
+            if not rows.size:
+                break
+            apart = section_distance(section[rows, None], cycle, o.clearance, o.R, (1.0, o.omega))
+            rows = rows[apart.min(axis=1) <= size]
+        return rows
 
     def _try(self, home: int, phase: float, states: np.ndarray, changes: np.ndarray) -> Knock:
         """Return the knock of the first harmful size, or one of infinite size if none is harmful.

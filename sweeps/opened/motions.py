@@ -94,7 +94,7 @@ def section_distance(
     states: np.ndarray,
     states_0: np.ndarray,
     clearance: np.ndarray | float,
-    R: np.ndarray,
+    R: np.ndarray | float,
     scale: np.ndarray | tuple[float, float] = (1.0, 1.0),
 ) -> np.ndarray:
     """Return the distance of states at a section, directly or through an impact, if that is less.

@@ -179,6 +179,26 @@ def test_a_thin_tongue_is_found_or_the_knock_is_called_fractal(tmp_path, all_kno
         assert np.abs(run["poincare_v"] - v).max() < 1e-6
 
 
+def test_no_knock_to_the_side_of_an_orbit_that_has_just_flipped_is_harmful(computed_starts):
+    """Beside 1/1 a motion needs some 100,000 periods to reach 2/2, which is not 1 % away."""
+    osc = Oscillator(h=0.05, R=0.8, omega=2.658884546684836 + 1e-5, f=1.0)  # beyond the flip
+    starts = computed_starts(
+        f"oscillator={{h: 0.05, R: 0.8, omega: {osc.omega!r}, f: 1.0}}",
+        "start={x0: [-1.273, -1.09], v0: [-0.182, 0.182]}",
+        "record={transient: 4000, periods: 64, diagnostics: [period]}",
+    )
+    found = knocks(starts, numbers=[0])
+    assert found["m"].values.tolist() == found["q"].values.tolist() == [2, 12]
+    one = found.isel(coexisting=0)
+    assert one["knock_ends"] == 1 and one["knock_certified"] and not one["knock_fractal"]
+    home = periodic_orbit(osc, one["section_x"].item(), one["section_v"].item(), 2)
+    sections, phase = home.sections(one["knock_phase"].item()), one["knock_phase"].item()
+    points = np.repeat(osc.at(one["knock_x"].item()), 41)
+    points["v0"] = one["knock_v"].item() + np.linspace(-1, 1, 41) * one["knock_harmless"].item()
+    run = integrate(points, phase=phase, at_section=True, transient=200_000, periods=2)
+    assert np.abs(run["poincare_x"][..., None] - sections[:, 0]).min(axis=2).max() < 1e-9
+
+
 def test_a_boundary_that_rounding_decides_is_fractal(dataset, all_knocks, monkeypatch):
     """Beyond a change of velocity by 0.3, every trial ends on an unpredictable attractor."""
     chance = np.random.default_rng(0)
