@@ -1,12 +1,9 @@
 """Wrong arguments and partial files at every public function: one refusal, in common words."""
 
 import re
-from concurrent.futures import ThreadPoolExecutor
-from io import BytesIO
 from itertools import product
 from pathlib import Path
 
-import matplotlib as mpl
 import numpy as np
 import pytest
 import xarray as xr
@@ -315,22 +312,6 @@ def test_a_sweep_followed_both_ways_is_transposed_but_does_not_lose_its_ways():
     assert "followed down along" in plotting.section(ds.isel(direction=1)).get_suptitle()
     with pytest.raises(Refused, match="has no coordinate direction"):
         plotting.section(ds.isel(direction=1, drop=True))
-
-
-def test_threads_take_turns_to_draw(loaded):
-    """They share matplotlib's settings and its reader of formulas."""
-    before = dict(mpl.rcParams)
-    pages = [Page(grey=grey) for grey in (False, True)] * 4
-
-    def colour(page):
-        figure = plotting.section(loaded["map"], page=page)
-        figure.savefig(BytesIO())
-        return figure.axes[0].lines[0].get_color()
-
-    with ThreadPoolExecutor(4) as pool:
-        colours = list(pool.map(colour, pages))
-    assert colours == colours[:2] * 4 and colours[0] != colours[1]
-    assert dict(mpl.rcParams) == before
 
 
 #: What other programs and calculations make of a Dataset.

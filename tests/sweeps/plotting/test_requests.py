@@ -1,7 +1,10 @@
 """Pictures as files, the default picture, and invalid requests."""
 
+from concurrent.futures import ThreadPoolExecutor
+from io import BytesIO
 from pathlib import Path
 
+import matplotlib as mpl
 import numpy as np
 import pytest
 import xarray as xr
@@ -309,3 +312,19 @@ def test_every_command_draws_or_refuses_every_file(shape, blocks, laid_out):
         assert drawn == (starts if shape.startswith("starts") else {shape} & {"map"})
     else:
         assert drawn == {"table", "section", "impacts", "trajectory"}
+
+
+def test_threads_take_turns_to_draw(random_sweep):
+    """They share matplotlib's settings and its reader of formulas."""
+    dataset, before = random_sweep({"omega": OMEGA, "R": R}), dict(mpl.rcParams)
+    pages = [plotting.Page(grey=grey) for grey in (False, True)] * 4
+
+    def colour(page):
+        figure = section(dataset, page=page)
+        figure.savefig(BytesIO())
+        return figure.axes[0].lines[0].get_color()
+
+    with ThreadPoolExecutor(4) as pool:
+        colours = list(pool.map(colour, pages))
+    assert colours == colours[:2] * 4 and colours[0] != colours[1]
+    assert dict(mpl.rcParams) == before
