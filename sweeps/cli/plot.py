@@ -130,7 +130,7 @@ def plot_command(
     ),
     width: str | None = PAGE_WIDTH,
     height: str | None = common.option("LENGTH", "Height of the picture, likewise."),
-    dpi: int | None = common.numeric("--dpi", integer(10), "Pixels per inch, 300 if not given."),
+    dpi: int | None = common.numeric("--dpi", integer(10), "Pixels per inch, 300; animations 130."),
     title: str | None = PAGE_TITLE,
     xlim: str | None = common.option(
         "LOW:HIGH",

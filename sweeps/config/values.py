@@ -208,7 +208,7 @@ class Range(Group):
     """The values of an axis, from the first to the last."""
 
     start: Number = Field(description="first value: a finite number")
-    stop: Number = Field(description="last value, included: a finite number")
+    stop: Number = Field(description="last value, or with step a bound: a finite number")
     num: Integer = integer_field("number of values, unless step is given", 1, MOST_VALUES)
     spacing: Literal["linear", "log"] = Field("linear", description="spacing: linear or log")
 

@@ -48,7 +48,7 @@ class Page:
         Height of the figure [inch], by default the height of its panels, title and legend, up to
         that of a printed page, 9 inches.
     dpi : int, optional
-        Pixels per inch, at least 10, by default matplotlib's ``savefig.dpi``.
+        Pixels per inch, at least 10; by default 130 in an animation, else ``savefig.dpi`` or 300.
     title : str, optional
         Title instead of the name, the parameters and the record of the sweep; may be empty.
     xlim, ylim : (float, float), optional
