@@ -236,14 +236,13 @@ class Map(PixelFigure):
         for line in self._lines:
             self.figure.add_layout(line)
         self.discs = ColumnDataSource({column: [] for column in _DISC}, name=f"{name} discs")
-        props = {"fill_alpha": 0.0, "line_color": "black"}
-        self.figure.ellipse(*_DISC, source=self.discs, **props)
+        self.figure.ellipse(*_DISC, source=self.discs, fill_alpha=0.0, line_color="black")
         self.names = ColumnDataSource(
             {column: [] for column in ("x", "y", "text", "angle")}, name=f"{name} names"
         )
         self.figure.text(
             source=self.names, text_align="center", text_baseline="middle", text_font_size="12px",
-            background_fill_color="white", background_fill_alpha=0.7, padding=1,
+            background_fill_color="white", background_fill_alpha=0.7, padding=1, angle="angle",
         )  # fmt: skip
         self.legend = Div(name=f"{name} legend", text="", sizing_mode="stretch_width")
         # Its height is fixed: a different height of the figure would need other points.

@@ -3,12 +3,13 @@
 import re
 import shlex
 import sys
+from collections import defaultdict
 from dataclasses import asdict, replace
 
 import numpy as np
 import pytest
 from bokeh.document import Document
-from bokeh.models import LogScale
+from bokeh.models import GlyphRenderer, LogScale
 
 import sweeps
 from sweeps import ConfigError, Refused, load_config, open_sweep, run_sweep
@@ -187,6 +188,16 @@ def test_a_late_picture_of_a_zoom_does_not_fit_all_points(view, tmp_path):
         picture = page.diagram._draw(seen, seen.diagram(9), 20)
         page.diagram._paint(picture, 0.0)
         assert (page.diagram.source.data["fit"][0] == picture.window) == (seen is view)
+    page.worker.shutdown()
+
+
+def test_every_column_that_is_sent_is_drawn(view, tmp_path):
+    page, drawn = LivePage(Document(), view, tmp_path), defaultdict(set)
+    for marks in page.document.select({"type": GlyphRenderer}):
+        specs = (getattr(marks.glyph, name) for name in marks.glyph.dataspecs())
+        drawn[marks.data_source] |= {str(getattr(spec, "field", spec)) for spec in specs}
+    for source, columns in drawn.items():
+        assert set(source.data) - {"orbit"} <= columns, source.name
     page.worker.shutdown()
 
 
