@@ -57,6 +57,7 @@ class LivePage:
         self.document, self.home, self.view, self.folder = document, home, home, folder
         self._showing = self._reading = self._waiting = False
         self._rate = ""
+        self._saved: tuple[Any, Path] = None, folder  # the last picture, and its file
         self.controls = controls.Controls(home, self._bind, self._save)
         self.diagram = Diagram(self._report)
         self.branches = Branches(self.diagram)
@@ -86,16 +87,9 @@ class LivePage:
         )  # fmt: skip
         painted = (picture.painted for picture in self._pictures)
         hidden = (self._address, self._key, *painted, self.diagram.fits)
+        style: Any = {"sizing_mode": "stretch_both", "stylesheets": [narrow(height="auto")]}
         # Last, because Bokeh visits all models of a document after each change of its models.
-        document.add_root(
-            column(
-                self._ended,
-                body,
-                *hidden,
-                sizing_mode="stretch_both",
-                stylesheets=[narrow(height="auto")],
-            )
-        )
+        document.add_root(column(self._ended, body, *hidden, **style))
         document.template, document.title = _TEMPLATE, f"{home.name}: vibroimpact"
 
     def _new_tabs(self) -> Tabs:
@@ -124,16 +118,15 @@ class LivePage:
     def _connect(self) -> None:
         """Connect the figures, the address, the keys and the connection to the page."""
         document, figures = self.document, [picture.figure for picture in self._pictures]
-        ranges = {r.id: r for plot in figures for r in (plot.x_range, plot.y_range)}
-        for model in ranges.values():
-            for name in ("start", "end"):
-                model.on_change(name, self._ranges_changed)
         self.diagram.fits.on_change("active", self._ranges_changed)
         for picture in self._pictures:
             for name in ("inner_width", "inner_height"):
                 picture.figure.on_change(name, partial(self._resized, picture))
             picture.painted.on_change("value", self._painted)
         for plot in figures:
+            for model in (plot.x_range, plot.y_range):
+                for name in ("start", "end"):
+                    model.on_change(name, self._ranges_changed)
             plot.on_event(Reset, lambda _: self.change(self._at_home))
             plot.on_event(Tap, self._tapped)
         self._bind(self._tabs, "active", lambda view, tab: replace(view, tab=tab))
@@ -230,8 +223,7 @@ class LivePage:
         if key in controls.MOVES:
             self._picture.move(*controls.MOVES[key])
         elif key == "Enter":
-            names = [name for name, _ in self.view.plane(self.view.tab)]
-            self._mark(*(self.view.values[name] for name in names))
+            self._mark(*(self.view.values[name] for name, _ in self.view.plane(self.view.tab)))
         elif key == "Home":
             self.change(self._at_home)
         elif key == "Escape":
@@ -324,13 +316,17 @@ class LivePage:
         self._picture.wait(";\n".join(lines) if is_late else "")
 
     def _save(self) -> None:
-        """Write the configuration of the picture, and show the path."""
+        """Write the configuration of the picture, unless this is done, and show the path."""
         self.change(lambda view: view)  # a refused text goes, and steps that failed say so again
+        picture = self.view, self._picture.saved(self.view)
+        before, path = self._saved
         try:
-            path = write_yaml(self.view, self._picture.saved(self.view), self.folder)
+            if picture != before or not path.exists():
+                path = write_yaml(*picture, self.folder)
         except SweepError as error:
             self._refuse(str(error))
         else:
+            self._saved = picture, path
             self.controls.saved.text = f"saved: {path}; {command('run', Path(path.name))}"
 
     @property

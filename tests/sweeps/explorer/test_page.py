@@ -302,7 +302,7 @@ def test_what_is_saved_runs_to_the_same_numbers(window, tmp_path):
     page = window.page
     window.wheel(-300.0)
     window.settle(lambda: page.view.ylim is not None)
-    window.tab.get_by_text("save as YAML").click()
+    window.tab.get_by_text("save as YAML").dblclick()
     window.settle(lambda: "saved" in page.controls.saved.text)
     (path,) = page.folder.glob("scene-view-*.yaml")
     accepted("run", path, "-o", tmp_path / "again.h5", "--quiet")
