@@ -23,6 +23,7 @@ from bokeh.server.server import BaseServer
 from bokeh.server.tornado import BokehTornado
 from bokeh.server.views.doc_handler import DocHandler
 from bokeh.server.views.static_handler import StaticHandler
+from bokeh.server.views.ws import WSHandler
 from bokeh.util.token import check_token_signature
 from tornado.httpserver import HTTPServer
 from tornado.httputil import HTTPHeaders, HTTPServerRequest
@@ -98,6 +99,14 @@ class _Page(DocHandler):
             self.finish(_FULL % MOST_PAGES)
 
 
+class _Connection(WSHandler):
+    """Sends no ping while it closes: Bokeh would detach the page, which `on_close` then misses."""
+
+    def ping(self, data: str | bytes = b"") -> None:
+        if self.ws_connection is None or not self.ws_connection.is_closing():
+            super().ping(data)
+
+
 class _Application(BokehTornado):
     """Serves pages to whoever knows the secret address, and the requests of these pages."""
 
@@ -116,8 +125,8 @@ class _Application(BokehTornado):
         if not self._is_own(request):
             return self.get_handler_delegate(request, ErrorHandler, {"status_code": 403})
         delegate = super().find_handler(request, **options)
-        if delegate.handler_class is DocHandler:
-            delegate.handler_class = _Page
+        own = {DocHandler: _Page, WSHandler: _Connection}.get(delegate.handler_class)
+        delegate.handler_class = own or delegate.handler_class
         return delegate
 
     def _is_own(self, request: HTTPServerRequest) -> bool:
@@ -164,10 +173,10 @@ class Explorer:
         self._home, self._folder = View.of(config).checked(), folder or absolute(Path())
         try:
             self._socket = socket.create_server((HOST, port))
-        except (OSError, OverflowError) as error:
-            reason = getattr(error, "strerror", None) or str(error)
+        except OSError as error:
             raise Refused(
-                f"the port {port} cannot be used ({reason}); expected: a free port, or none for any"
+                f"the port {port} cannot be used ({error.strerror}); expected: a free port, or "
+                "none for any"
             ) from None
         self._socket.setblocking(False)
         self._port, self.pages = self._socket.getsockname()[1], list[LivePage]()

@@ -132,7 +132,7 @@ def test_only_the_server_itself_logs_no_requests(caplog, monkeypatch):
 
 
 @pytest.mark.slow
-def test_another_page_and_a_false_token_are_refused_without_a_word(explorer, caplog):
+def test_a_false_token_is_refused_and_a_page_vanishes_without_a_word(explorer, caplog):
     parts = urlsplit(explorer.address)
     _, text = answer(explorer.address, f"/?{parts.query}")
     token = re.search(r'"token":"([^"]*)"', text)[1]
@@ -145,17 +145,26 @@ def test_another_page_and_a_false_token_are_refused_without_a_word(explorer, cap
             IOLoop(make_current=False).run_sync(partial(websocket_connect, request))
     for path in ("/", "/autoload.js", "/metadata"):
         assert answer(explorer.address, f"{path}?bokeh-token=x")[0] == 403
-    assert [record for record in caplog.records if record.name != "tornado.access"] == []
     right = {"Sec-WebSocket-Protocol": f"bokeh, {token}", "Origin": f"http://{parts.netloc}"}
     request = HTTPRequest(f"ws://{parts.netloc}/ws", headers=right)
 
-    async def connect_and_close():
+    def lose():
+        """Let a ping find that the browser is gone before the end of its connection is noticed."""
+        (connection,) = explorer.pages[-1].document.session_context.session._subscribed_connections
+        connection._socket.ws_connection.stream.close()
+        connection._socket.application._keep_alive()
+
+    async def connect_until_lost():
         connection = await websocket_connect(request)
         for _ in range(3):  # of the greeting; the server would log that it cannot send the rest
             assert await connection.read_message()
+        explorer._loop.call_soon_threadsafe(lose)
+        assert await connection.read_message() is None
         connection.close()
 
-    IOLoop(make_current=False).run_sync(connect_and_close)
+    IOLoop(make_current=False).run_sync(connect_until_lost)
+    assert answer(explorer.address, "/")[0] == 403  # after the end of the connection
+    assert [record for record in caplog.records if record.name != "tornado.access"] == []
 
 
 ESCAPE = "%1b[2J%1b]0;X%07"
