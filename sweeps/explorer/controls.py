@@ -52,9 +52,7 @@ class Controls:
     ) -> None:
         self._bind = bind
         self.axis = selector("abscissa", "abscissa", parameter_choices(view.nomenclature))
-        names = [
-            (name, as_variable(name, view.nomenclature).attrs["long_name"]) for name in COORDINATES
-        ]
+        names = [(name, as_variable(name, view.nomenclature).long_name) for name in COORDINATES]
         self.ordinate = selector("ordinate", "ordinate", names)
         bind(self.axis, "value", View.with_axis)
         bind(self.ordinate, "value", lambda view, name: replace(view, ordinate=name, ylim=None))

@@ -38,8 +38,6 @@ _LETTERS = {
     r"\dot{x}": "ẋ", r"\mathrm{mod}": "mod", r"\approx": "≈", "~": " ", "\t": "", "_0": "₀",
     "_1": "₁", "^2": "²", "$": "",
 }  # fmt: skip
-#: The tags of a formatter that Bokeh made: for a linear axis, without a factor.
-_UNTAGGED = [False, 1.0]
 #: Writes a tick divided by the factor of a prefix; steps are 1, 2 or 5 times a power of ten.
 _TICK_WITH_PREFIX = """
 const value = tick / factor;
@@ -85,8 +83,8 @@ def label_of(axis: Any, name: str, view: View, size: float, pixels: float = math
     variable = as_variable(name, view.nomenclature)
     prefix, factor = prefix_of(variable, size)
     log = isinstance(axis.ticker, models.LogTicker)
-    if (axis.formatter.tags or _UNTAGGED) != [log, factor]:
-        axis.formatter = _formatter(log, factor)
+    if axis.tags != [log, factor]:
+        axis.tags, axis.formatter = [log, factor], _formatter(log, factor)
     text = without_tex(label(variable, prefix))
     fits = 7.0 * len(text) < pixels
     return text if fits else text.removeprefix(variable.long_name).strip()
@@ -94,13 +92,12 @@ def label_of(axis: Any, name: str, view: View, size: float, pixels: float = math
 
 def _formatter(log: bool, factor: float) -> models.TickFormatter:
     """Return what writes the ticks of an axis, divided by the factor of a prefix."""
-    tags = [log, factor]
     if factor != 1.0:
         args = {"factor": factor, "log": log}
-        return models.CustomJSTickFormatter(args=args, code=_TICK_WITH_PREFIX, tags=tags)
+        return models.CustomJSTickFormatter(args=args, code=_TICK_WITH_PREFIX)
     if log:
-        return models.PrintfTickFormatter(format="%g", tags=tags)
-    return models.BasicTickFormatter(tags=tags)
+        return models.PrintfTickFormatter(format="%g")
+    return models.BasicTickFormatter()
 
 
 #: Reports which picture is on the screen: one drawn in a frame is visible in the next.
@@ -181,9 +178,8 @@ class PixelFigure:
 
     def set_axis(self, side: str, name: str, view: View, window: Window) -> None:
         """Set the label, the scale, the window and the bounds of axis x or y."""
-        axis, log, allowed = getattr(self.figure, f"{side}axis"), name in view.log, None
-        if name in view.values:
-            allowed = window_bounds(name, view, window)
+        axis, log = getattr(self.figure, f"{side}axis"), name in view.log
+        allowed = window_bounds(name, view, window) if name in view.values else None
         scale = models.LogScale if log else models.LinearScale
         if not isinstance(getattr(self.figure, f"{side}_scale"), scale):
             setattr(self.figure, f"{side}_scale", scale())
@@ -237,8 +233,7 @@ def set_range(model: models.Range1d, window: Window, allowed: Any = None) -> Non
     """
     if model.bounds != allowed:
         model.bounds = None
-    if (model.start, model.end) != window:
-        model.update(start=window[0], end=window[1])
+    model.update(start=window[0], end=window[1])
     model.bounds = allowed
 
 

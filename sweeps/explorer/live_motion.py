@@ -139,11 +139,10 @@ class MotionPanel:
         closing = models.Button(label="close (Esc)", width=90, height=24, margin=(0, 8, 0, 0))
         closing.on_click(close)
         self._scene, self._stop = self._new_scene()
-        self._moving = models.Toggle(label="move the mass", name="moving", width=110, height=24)
-        self._moving.update(
-            margin=(0, 4, 0, 0),
+        self._moving = models.Toggle(
+            label="move the mass", name="moving", width=110, height=24, margin=(0, 4, 0, 0),
             html_attributes={"title": "still where the browser asks for reduced motion"},
-        )
+        )  # fmt: skip
         parts = {"moving": self._moving, "line": self.line, "mass": self._mass}
         self._moving.js_on_change("active", models.CustomJS(args=parts, code=_MOVE))
         own_height = narrow(height="auto", flex="none")
