@@ -100,7 +100,7 @@ class _Page(DocHandler):
 
 
 class _Connection(WSHandler):
-    """Sends no ping while it closes: Bokeh would detach the page, which `on_close` then misses."""
+    """Sends no ping while it closes: Bokeh would detach the page before it notices the end."""
 
     def ping(self, data: str | bytes = b"") -> None:
         if self.ws_connection is None or not self.ws_connection.is_closing():
