@@ -196,7 +196,7 @@ def judge_cycle(motion, destination):
     Its multiplier is NaN: it is not computed, not even 0 after a rest or 1 without dissipation.
     """
     pt, sections, sums = motion.pt, motion.sections, motion.sums
-    m = repetition_of_cycle(sections, sums.cycle, sums.cycle_impacts, pt)
+    m = repetition_of_cycle(sections, sums.cycle, pt)
     rests = kind_of(sums) == _RESTS
     sure = sums.cycle_rests if rests else not stayed(sections, pt)
     if m == 0 or not sure or is_coarse(sections, pt):
@@ -314,7 +314,7 @@ def find_exact(motion, destination):
     if cycle > sums.cycle:
         sums.cycle = cycle
         _, _, sums.cycle_impacts, sums.cycle_rests = replay(flow, y, w, cycle, True)
-    m, off = repetition_of_cycle(sections, sums.cycle, sums.cycle_impacts, pt), 0.0
+    m, off = repetition_of_cycle(sections, sums.cycle, pt), 0.0
     if m == 0:
         m, off = repetition(sections, size)
     units = size[0], size[1] / pt.omega
@@ -335,12 +335,9 @@ def find_repetition(motion, destination):
     """Find after how many periods a record repeats, which is all that other rules show."""
     pt, sections, sums = motion.pt, motion.sections, motion.sums
     kind = kind_of(sums)
-    cycle, impacts = sums.cycle, sums.cycle_impacts
-    counted = cycle > 0
-    if not counted:
-        cycle, impacts = last_return(sections), 0
-    m, off = repetition_of_cycle(sections, cycle, impacts, pt), 0.0
-    q = impacts * m // cycle if counted else -1
+    cycle = sums.cycle if sums.cycle > 0 else last_return(sections)
+    m, off = repetition_of_cycle(sections, cycle, pt), 0.0
+    q = sums.cycle_impacts * m // cycle if sums.cycle > 0 else -1
     if m == 0:
         m, off = repetition(sections, size_of(sections, pt, True))
         q = -1

@@ -122,12 +122,12 @@ def last_return(sections):
 
 
 @jit
-def repetition_of_cycle(sections, cycle, impacts, pt):
+def repetition_of_cycle(sections, cycle, pt):
     """Return after how many periods a motion repeats that came back to the same bits, or 0.
 
-    That is the least divisor of the `cycle`, which has so many `impacts`, after which its sections
-    agree: near a slow orbit the last bits wander. A cycle of more than ``LONGEST_PERIOD`` periods
-    gives 0, and so do sections of which it is not clear whether they agree.
+    That is the least divisor of the `cycle` after which its sections agree: near a slow orbit the
+    last bits wander. A cycle of more than ``LONGEST_PERIOD`` periods gives 0, and so do sections of
+    which it is not clear whether they agree.
     """
     if cycle == 0 or cycle > LONGEST_PERIOD:
         return 0
@@ -138,7 +138,7 @@ def repetition_of_cycle(sections, cycle, impacts, pt):
         if cycle % m == 0:
             off = _deviation(last, m, size, TOLERANCE)
             if off < math.inf:
-                return m if off <= _SAME_SECTIONS and impacts * m % cycle == 0 else 0
+                return m if off <= _SAME_SECTIONS else 0
     return cycle
 
 
