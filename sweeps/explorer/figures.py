@@ -18,7 +18,7 @@ from sweeps.config.rig import Nomenclature
 from sweeps.config.sweep import SweepConfig
 from sweeps.explorer.view import View, Window, window_bounds
 from sweeps.interrupts import Cancelled, check, this_thread
-from sweeps.plotting.labels import as_variable, label, prefix_of, with_unit
+from sweeps.plotting.labels import DecadeLocator, as_variable, label, prefix_of, with_unit
 from sweeps.plotting.pixels import cell_edges
 from vibroimpact.jit import called_before_passes
 
@@ -41,7 +41,7 @@ _LETTERS = {
 #: Writes a tick divided by the factor of a prefix; steps are 1, 2 or 5 times a power of ten.
 _TICK_WITH_PREFIX = """
 const value = tick / factor;
-if (log || ticks.length < 2) return String(Number(value.toPrecision(6)));
+if (log || ticks.length < 2) return String(Number(value.toPrecision(12)));
 const digits = Math.ceil(-Math.log10(Math.abs(ticks[1] - ticks[0]) / factor) - 1e-6);
 return value.toFixed(Math.min(Math.max(digits, 0), 15)).replace("-", "\u2212");
 """
@@ -82,7 +82,7 @@ def label_of(axis: Any, name: str, view: View, size: float, pixels: float = math
     """
     variable = as_variable(name, view.nomenclature)
     prefix, factor = prefix_of(variable, size)
-    log = isinstance(axis.ticker, models.LogTicker)
+    log = isinstance(axis.ticker, models.FixedTicker)
     if axis.tags != [log, factor]:
         axis.tags, axis.formatter = [log, factor], _formatter(log, factor)
     text = without_tex(label(variable, prefix))
@@ -92,11 +92,9 @@ def label_of(axis: Any, name: str, view: View, size: float, pixels: float = math
 
 def _formatter(log: bool, factor: float) -> models.TickFormatter:
     """Return what writes the ticks of an axis, divided by the factor of a prefix."""
-    if factor != 1.0:
+    if log or factor != 1.0:
         args = {"factor": factor, "log": log}
         return models.CustomJSTickFormatter(args=args, code=_TICK_WITH_PREFIX)
-    if log:
-        return models.PrintfTickFormatter(format="%g")
     return models.BasicTickFormatter()
 
 
@@ -183,7 +181,12 @@ class PixelFigure:
         scale = models.LogScale if log else models.LinearScale
         if not isinstance(getattr(self.figure, f"{side}_scale"), scale):
             setattr(self.figure, f"{side}_scale", scale())
-            axis.ticker = models.LogTicker() if log else models.BasicTicker()
+            axis.ticker = models.FixedTicker() if log else models.BasicTicker()
+        if log:  # Bokeh's own ticks have no label below 1 from 0.1 to 10
+            axis.ticker.ticks = DecadeLocator(numticks=9).tick_values(*window)
+            first, last = (math.floor(math.log10(end)) for end in window)
+            minor = np.outer(10.0 ** np.arange(first, last + 1), range(2, 10)).ravel().tolist()
+            axis.ticker.minor_ticks = minor
         self.label(side, name, view, window)
         set_range(getattr(self.figure, f"{side}_range"), window, allowed)
 

@@ -283,7 +283,7 @@ def refuse_too_large(name: str, values: np.ndarray | float) -> None:
         raise Refused(f"{name} reaches {greatest:.3g}; a picture shows up to {LARGEST:g}")
 
 
-class _DecadeLocator(ticker.LogLocator):
+class DecadeLocator(ticker.LogLocator):
     """Ticks at 1, 2 and 5 in every decade, at fewer where there is less room for their labels.
 
     These are 1 and 3, then powers of ten, and never less than two. Where even 1, 2 and 5 are less,
@@ -294,9 +294,9 @@ class _DecadeLocator(ticker.LogLocator):
         """Return the ticks within limits, as many as `numticks` or the axis has room for."""
         low, high = sorted((vmin, vmax))
         first, last = math.floor(math.log10(low)), math.floor(math.log10(high))
-        assert self.axis is not None
+        axis: Any = self.axis
         most = self.numticks
-        room = max(2, most if isinstance(most, int) else self.axis.get_tick_space())
+        room = max(2, most if isinstance(most, int) else axis.get_tick_space())
         powers = 10.0 ** np.arange(first, last + 1, dtype=float)
         with np.errstate(over="ignore"):
             choices = [np.outer(powers, parts).ravel() for parts in ((1, 2, 5), (1, 3), (1,))]
@@ -312,6 +312,6 @@ class _DecadeLocator(ticker.LogLocator):
 
 def tick_in_decades(axis: Axis) -> None:
     """Label 1, 2 and 5 in every decade with plain numbers, as far as these have room."""
-    axis.set_major_locator(_DecadeLocator())
+    axis.set_major_locator(DecadeLocator())
     axis.set_major_formatter("{x:g}")
     axis.set_minor_formatter(ticker.NullFormatter())

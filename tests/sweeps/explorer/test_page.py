@@ -112,6 +112,16 @@ def test_wheel_pan_box_back_forward_and_reset(window, caplog):
     assert [record.message for record in caplog.records if record.name == "tornado.access"] == []
 
 
+@pytest.mark.parametrize(
+    ("xlim", "labels"),
+    [((0.1, 10.0), "0.1 0.2 0.5 1 2 5 10"), ((0.63, 1.57), "0.6 0.8 1 1.2 1.4 1.6")],
+)
+def test_a_log_axis_has_round_labels_in_all_its_length(window, xlim, labels):
+    window.show(replace(window.page.home, log=("omega",), xlim=xlim))
+    code = "{const [a] = m.below; return a.formatter.doFormat(a.ticker.ticks, {loc: 0}).join(' ')}"
+    assert window.model("diagram", code) == labels
+
+
 def test_a_zoom_wins_over_a_picture_that_crosses_it_on_the_way(window):
     page = window.page
     sending, sent = threading.Event(), threading.Event()
