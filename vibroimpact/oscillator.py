@@ -343,7 +343,7 @@ def refuse_invalid(points: object, beyond_stop: bool) -> None:
 
 def with_one_force(points: np.ndarray) -> np.ndarray:
     """Return a copy of points for compiled code, with the whole force as f, and a = 0."""
-    points = np.array(points, POINT)
+    points = np.array(points, POINT)  # contiguous and writable, as compiled code needs it
     with np.errstate(over="ignore"):
         points["f"] += points["a"] * points["omega"] * points["omega"]
     points["a"] = 0.0

@@ -121,16 +121,16 @@ def knocks(
         axes = listed(starts.grid) or "none"
         raise Refused(f"a knock needs x0 and v0 as the only axes, others fixed; there are {axes}")
     found = attractors(starts) if found is None else found
-    every = found["number"].values.tolist()
-    requested = set(every if numbers is None else numbers)
-    if not requested <= set(every):
-        out_of = f"numbers out of {listed(str(number) for number in every if number >= 0)}"
+    present = found["number"].values.tolist()
+    requested = set(present if numbers is None else numbers)
+    if not requested <= set(present):
+        out_of = f"numbers out of {listed(str(number) for number in present if number >= 0)}"
         raise Refused(refusal(f"numbers = {input_text(numbers)}", out_of))
     at_point, limit = _Attractors(starts, found), float(np.ptp(starts["v0"].values))
     sought = at_point.orbits.keys() & requested
     rows = [
         at_point.worst(number, limit) if number in sought else Knock(harmful=math.nan)
-        for number in every
+        for number in present
     ]
     columns = zip(*rows, strict=True)
     return found.assign(

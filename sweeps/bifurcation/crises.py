@@ -85,7 +85,7 @@ class Chaos(NamedTuple):
 
 
 def crisis(chaos: Chaos, report: Callable[[float], object] = lambda share: None) -> str:
-    """Return the class of the orbit that an attractor touches as it ends; empty if none is."""
+    """Return the class of the orbit that an attractor touches as it ends, or "" if none."""
     after, last = -1.0, chaos.points[chaos.axis][0]
     room = (last - chaos.first) / (chaos.next - last)
     distances = (distance for distance in _DISTANCES if distance <= room)

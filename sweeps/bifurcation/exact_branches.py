@@ -256,8 +256,8 @@ def with_special_points(
     columns = np.array(values, float).reshape(-1, len(axes)).T
     data = {noun: ("point", np.array(numbers, int)), special: ("point", np.array(kinds, "U11"))}
     coordinates = {axis: ("point", column) for axis, column in zip(axes, columns, strict=True)}
-    fixed = vars(paths[0].oscillator) if paths else {}
-    return xr.Dataset(data, coordinates, {name: fixed[name] for name in fixed.keys() - {*axes}})
+    fixed = vars(paths[0].oscillator).items() if paths else ()
+    return xr.Dataset(data, coordinates, {name: v for name, v in fixed if name not in axes})
 
 
 def _padded(tables: Sequence[np.ndarray]) -> np.ndarray:

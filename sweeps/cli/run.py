@@ -152,12 +152,17 @@ def planned_text(
     from sweeps.engine.executors import LocalComputer
     from sweeps.reports import plan
     from sweeps.store.parts import finished_points
+    from sweeps.store.paths import is_sweep
 
     computer = LocalComputer(threads) if client is None else ClusterComputer(client)
     with progress_shown(f"estimating the cost of {config.name}"):
         cost = expected_cost(config.sweep, path, computer, resume)
-    finished, _ = (resume and finished_points(path)) or (0, 0)
-    return plan(config, path, cost, config.sweep.size - finished)
+    remaining = config.sweep.size
+    if resume and is_sweep(path):
+        remaining = 0
+    elif resume and (counts := finished_points(path)):
+        remaining -= counts[0]
+    return plan(config, path, cost, remaining)
 
 
 def run_and_report(config: SweepConfig, path: Path, quiet: bool, **options: Any) -> bool:

@@ -203,7 +203,7 @@ def paint_of(cut: OpenedSweep, name: str, *, dots: bool = False, grey: bool = Fa
 
 
 def coloured_points(
-    sweep: OpenedSweep, at: Selection | None, color: contents.Numbers, grey: bool
+    sweep: OpenedSweep, at: Selection | None, color: contents.NameOrArray, grey: bool
 ) -> tuple[OpenedSweep, Paint]:
     """Return the points that `at` leaves and their colours; refuse a single point.
 

@@ -23,7 +23,7 @@ from vibroimpact.points.regimes import has_result
 from vibroimpact.status import Status
 
 #: A number for each point: a variable of the file by its name, or values computed from the file.
-Numbers = str | xr.DataArray
+NameOrArray = str | xr.DataArray
 
 #: The mean force on the stop, which follows from the impulse of the file.
 MEAN_FORCE = "mean_force"
@@ -78,7 +78,7 @@ def _is_of_points(sweep: OpenedSweep, values: xr.DataArray, *further: str) -> bo
 
 
 def with_number(
-    sweep: OpenedSweep, quantity: Numbers, for_colour: bool = False
+    sweep: OpenedSweep, quantity: NameOrArray, for_colour: bool = False
 ) -> tuple[OpenedSweep, str]:
     """Return the dataset with a quantity, described like a result, and its name there."""
     sweep, name = (sweep, quantity) if isinstance(quantity, str) else _with_values(sweep, quantity)

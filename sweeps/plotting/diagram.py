@@ -46,8 +46,8 @@ def bifurcation(
     at: Selection | None = None,
     coordinate: str | None = None,
     exact: xr.Dataset | None = None,
-    below: Sequence[contents.Numbers] = (),
-    color: contents.Numbers | None = None,
+    below: Sequence[contents.NameOrArray] = (),
+    color: contents.NameOrArray | None = None,
     overlay: Any = None,
     page: Page = PAGE,
     ax: Axes | None = None,
@@ -139,7 +139,7 @@ _OF_BRANCHES = {"branch", "m", "q", "stable", "impact_phase", "range"}
 
 
 def _with_numbers(
-    sweep: OpenedSweep, below: Sequence[contents.Numbers], color: contents.Numbers | None
+    sweep: OpenedSweep, below: Sequence[contents.NameOrArray], color: contents.NameOrArray | None
 ) -> tuple[OpenedSweep, list[str], str | None]:
     """Return the dataset with the quantities, the names below, and the one that colours points."""
     names, tint = list[str](), None

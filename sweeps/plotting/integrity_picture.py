@@ -253,15 +253,16 @@ def _draw_disturbances(
     props["path_effects"] = [withStroke(linewidth=2.0, foreground=ground())]  # on a dark basin
     rows, others = looks.split(regions.table)
     names = names_of([[row] for row in rows], starts)
-    hints = {
-        row.number: hint.replace("\n", " ") for row, (_, hint) in zip(rows, names, strict=True)
+    locations = {
+        row.number: location.replace("\n", " ")
+        for row, (_, location) in zip(rows, names, strict=True)
     }
     if is_exact:
-        result = with_cache(knocks)(starts, result, list(hints))
+        result = with_cache(knocks)(starts, result, list(locations))
     handles, discs = list[Artist](), list[Ellipse]()
     for row in attractor_rows(starts, result):
         measures = row.measures
-        if row.number not in hints or not measures["integrity_factor"] > 0.0:
+        if row.number not in locations or not measures["integrity_factor"] > 0.0:
             continue  # no attractor, or none with a colour of its own
         centre, size = (measures["disc_x"], measures["disc_v"]), 2.0 * measures["integrity_factor"]
         discs.append(Ellipse(centre, size, size * starts.oscillator.p, fill=False))
@@ -269,7 +270,7 @@ def _draw_disturbances(
         if is_exact and math.isfinite(measures["knock_harmful"]):
             number = len(handles) + 1 if looks.grey else None
             colour = looks.look(row).dots
-            handles.append(_draw_knock(panel, starts, row, hints[row.number], colour, number))
+            handles.append(_draw_knock(panel, starts, row, locations[row.number], colour, number))
     if any(panel.bbox.overlaps(disc.get_window_extent()) for disc in discs):
         disc_handle = Line2D([], [], marker="o", fillstyle="none", label="largest disc", **props)
         handles.insert(0, disc_handle)
@@ -280,7 +281,12 @@ def _draw_disturbances(
 
 
 def _draw_knock(
-    panel: Axes, starts: OpenedSweep, row: AttractorRow, hint: str, colour: str, number: int | None
+    panel: Axes,
+    starts: OpenedSweep,
+    row: AttractorRow,
+    location: str,
+    colour: str,
+    number: int | None,
 ) -> Line2D:
     """Draw the least knock of an attractor as an arrow, in grey with a number; return a handle."""
     phase, x, v, size = (row.measures[f"knock_{name}"] for name in ("phase", "x", "v", "harmful"))
@@ -300,7 +306,7 @@ def _draw_knock(
         digit.set(size="x-small", ha="center", va="center", bbox=circle)
     unit = labels.named_unit(labels.as_variable("v0", starts))
     change, turned = labels.mathtext(size, "+.4g"), labels.mathtext(phase, ".4g")
-    text = f"least knock, {row.name}{hint}:" + ("\n" if hint else " ")
+    text = f"least knock, {row.name}{location}:" + ("\n" if location else " ")
     text += rf"${change}${unit and f' {unit}'} at $\omega t={turned}$"
     text += ", fractal" if row.measures["knock_fractal"] else ""
     # matplotlib draws no arrow to a state beyond the limits.

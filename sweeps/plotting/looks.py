@@ -227,9 +227,9 @@ def basin_cells(
     """Return the cells of each basin, given the number of the attractor of each start."""
     rows, others = looks.split(table)
     cells = []
-    for row, (name, hint) in zip(rows, names_of([[row] for row in rows], source), strict=True):
+    for row, (name, location) in zip(rows, names_of([[row] for row in rows], source), strict=True):
         speeds = f"{row.shown_speeds}; " if len(row.speeds) else ""
-        text = f"{name}: {speeds}%.1f %%" + hint.replace("%", "%%")
+        text = f"{name}: {speeds}%.1f %%" + location.replace("%", "%%")
         cells.append(Cells(text, looks.look(row), numbers == row.number, numbers >= 0))
     if others:
         text = f"{shown_count(len(others), 'other periodic attractor')}: %.1f %%"
@@ -251,7 +251,7 @@ def names_of(
     )
     names = list[tuple[str, str]]()
     for rows in series:
-        hint = ""
+        location = ""
         if row := next((row for row in rows if counts[row.name] > 1), None):
             state = zip(("x0", "v0"), ("x", "v"), row.states[0], strict=True)
             parts = [
@@ -260,8 +260,8 @@ def names_of(
             ]
             if axis is not None:
                 parts.append(equation(axis.symbol, axis, row.parameters[str(axis.name)]))
-            hint = f"\nat {', '.join(parts)}"
-        names.append((class_names(rows), hint))
+            location = f"\nat {', '.join(parts)}"
+        names.append((class_names(rows), location))
     return names
 
 

@@ -18,7 +18,7 @@ from matplotlib.path import Path
 from sweeps.opened.opened_sweep import OpenedSweep, Selection
 from sweeps.plotting import canvas, labels
 from sweeps.plotting.colours import paint_of
-from sweeps.plotting.contents import Numbers, fitting_orbits, with_number
+from sweeps.plotting.contents import NameOrArray, fitting_orbits, with_number
 from sweeps.plotting.exact_lines import draw_curves
 from sweeps.plotting.legend import COMMON
 from sweeps.plotting.looks import OTHERS, Cells, class_numbers, failed_cells, patch_named
@@ -44,7 +44,7 @@ def parameter_map(
     *,
     axes: Sequence[str] = (),
     at: Selection | None = None,
-    quantity: Numbers | None = None,
+    quantity: NameOrArray | None = None,
     exact: xr.Dataset | None = None,
     overlay: Any = None,
     page: Page = PAGE,
@@ -115,7 +115,7 @@ def parameter_map(
     return figure
 
 
-def shown_quantity(sweep: OpenedSweep, quantity: Numbers | None) -> Numbers:
+def shown_quantity(sweep: OpenedSweep, quantity: NameOrArray | None) -> NameOrArray:
     """Return the quantity of a map, by default the class if the file has it."""
     if quantity is not None:
         return quantity

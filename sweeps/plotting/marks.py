@@ -113,7 +113,7 @@ def mark_status(
         panel.set_ylim(low - 0.04 * (high - low), high)
     strip, x = panel.get_xaxis_transform(), np.broadcast_to(values, status.shape)
     for text, colour, where in kinds:
-        marks, props = (x[where], dict[str, Any](transform=strip, color=colour, rasterized=True))
+        marks, props = x[where], dict[str, Any](transform=strip, color=colour, rasterized=True)
         if text in MARKS:
             marks, is_beside = _spread(panel, x, where)
             pairs = np.stack([marks[:-1], marks[1:]], axis=1)[is_beside]

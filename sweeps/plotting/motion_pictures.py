@@ -19,7 +19,7 @@ from sweeps.opened.opened_sweep import OpenedSweep, Selection
 from sweeps.plotting import labels
 from sweeps.plotting.canvas import Picture, finish, new_panel, width_of
 from sweeps.plotting.colours import Paint, coloured_points, legend_entries
-from sweeps.plotting.contents import Numbers, refuse_without_value
+from sweeps.plotting.contents import NameOrArray, refuse_without_value
 from sweeps.plotting.looks import Cells
 from sweeps.plotting.marks import draw_points, draw_stop, in_both, widen_if_constant
 from sweeps.plotting.page import PAGE, Page, styled
@@ -34,7 +34,7 @@ def _draw_records(
     sweep: OpenedSweep,
     names: tuple[str, str],
     at: Selection | None,
-    color: Numbers | None,
+    color: NameOrArray | None,
     page: Page,
     ax: Axes | None,
     set_view: Callable[[Axes, OpenedSweep, Sequence[np.ndarray]], None],
@@ -83,7 +83,7 @@ def section(
     sweep: OpenedSweep,
     *,
     at: Selection | None = None,
-    color: Numbers | None = None,
+    color: NameOrArray | None = None,
     page: Page = PAGE,
     ax: Axes | None = None,
 ) -> Figure:
@@ -120,7 +120,7 @@ def impacts(
     sweep: OpenedSweep,
     *,
     at: Selection | None = None,
-    color: Numbers | None = None,
+    color: NameOrArray | None = None,
     page: Page = PAGE,
     ax: Axes | None = None,
 ) -> Figure:
@@ -162,7 +162,7 @@ def trajectory(
     *,
     at: Selection | None = None,
     periods: int | None = None,
-    color: Numbers | None = None,
+    color: NameOrArray | None = None,
     page: Page = PAGE,
     ax: Sequence[Axes] | None = None,
 ) -> Figure:

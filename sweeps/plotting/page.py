@@ -187,12 +187,12 @@ Refused
     If the file lacks the requested data, or there is nothing to draw."""
 
 
-def _are_numbers(value: object) -> bool:
+def _is_name_or_array(value: object) -> bool:
     return isinstance(value, str | xr.DataArray)
 
 
-def _are_several_numbers(value: object) -> bool:
-    return isinstance(value, Sequence) and all(map(_are_numbers, value))
+def _are_names_or_arrays(value: object) -> bool:
+    return isinstance(value, Sequence) and all(map(_is_name_or_array, value))
 
 
 def _are_orbits(value: object) -> bool:
@@ -222,12 +222,12 @@ PICTURE_ARGUMENTS: Mapping[str, Allowed] = {
     "page": Allowed(lambda value: isinstance(value, Page), "a Page, as Page(width=3.4)"),
     "coordinate": TEXT,
     "exact": Allowed(_are_orbits, "the result of sweeps.branches, or for a map of sweeps.curves"),
-    "below": Allowed(_are_several_numbers, "names or DataArrays, as ['lyapunov']"),
-    "color": Allowed(_are_numbers, "a name or a DataArray"),
-    "quantity": Allowed(_are_numbers, "a name or a DataArray"),
-    "axes": Allowed(_are_several_numbers, "names of axes, as ['omega', 'R']"),
+    "below": Allowed(_are_names_or_arrays, "names or DataArrays, as ['lyapunov']"),
+    "color": Allowed(_is_name_or_array, "a name or a DataArray"),
+    "quantity": Allowed(_is_name_or_array, "a name or a DataArray"),
+    "axes": Allowed(_are_names_or_arrays, "names of axes, as ['omega', 'R']"),
     "beside": Allowed(_is_beside, "values of one axis, as {'omega': [2.5, 2.7]}"),
-    "panels": Allowed(_are_several_numbers, "names, as ['basins']"),
+    "panels": Allowed(_are_names_or_arrays, "names, as ['basins']"),
     "periods": integer(1, MOST_RECORDED),
     "fps": integer(1, 50),  # a GIF counts hundredths of a second, and browsers no single ones
     "overlay": Allowed(

@@ -24,7 +24,7 @@ from sweeps.opened.coordinates import ORDINATES
 from sweeps.opened.opened_sweep import OpenedSweep, Selection
 from sweeps.plotting import canvas, contents, labels
 from sweeps.plotting.colours import has_scale, legend_entries, paint_of
-from sweeps.plotting.contents import Numbers
+from sweeps.plotting.contents import NameOrArray
 from sweeps.plotting.marks import mark_status, marker_size
 from sweeps.plotting.page import PAGE, Page, styled
 from sweeps.plotting.pixels import in_view
@@ -242,8 +242,8 @@ def table_panels(
     *,
     axes: Sequence[str] = (),
     at: Selection | None = None,
-    quantity: Numbers | None = None,
-    color: Numbers | None = None,
+    quantity: NameOrArray | None = None,
+    color: NameOrArray | None = None,
     overlay: Any = None,
     panels: Sequence[str] = (),
     page: Page = PAGE,
@@ -324,7 +324,7 @@ def table_panels(
 
 
 def _with_columns(
-    sweep: OpenedSweep, color: Numbers, quantity: Numbers, axes: Sequence[Numbers]
+    sweep: OpenedSweep, color: NameOrArray, quantity: NameOrArray, axes: Sequence[NameOrArray]
 ) -> tuple[OpenedSweep, list[str]]:
     """Return the dataset with the quantities, and their names; abscissas are columns that vary."""
     columns = [name for name, values in sweep.columns.items() if values.dtype.kind in "iuf"]

@@ -147,10 +147,10 @@ def step_lanes(lanes, size, table, n, span, turning):
 
 
 @jit
-def plain_step(lanes, i, x, v, table, n, place, recording):
+def plain_step(lanes, i, x, v, table, n, row, recording):
     """Take lane `i` from (x, v) over step `n` with the rule (2)-(5): selects instead of branches.
 
-    Returns the states after and before an impact. Its speed goes to `place`. A displacement that
+    Returns the states after and before an impact. Its speed goes to the `row`. A displacement that
     overflowed counts as an impact, too. If the speed did not overflow, the state after it is right;
     only the penetration, inf, is lost, so a record with this step has failed.
     """
@@ -161,7 +161,7 @@ def plain_step(lanes, i, x, v, table, n, place, recording):
     stop, R = lanes[CLEARANCE + i], lanes[RESTITUTION + i]
     impact = (x_T >= stop) & (v_T > 0.0)
     if recording:
-        lanes[place] = select(impact, v_T, math.inf)
+        lanes[row] = select(impact, v_T, math.inf)
         lanes[GUARD + i] = select(impact, 1.0, lanes[GUARD + i])
         lanes[GREATEST + i] = select(x_T > lanes[GREATEST + i], x_T, lanes[GREATEST + i])
     return (select(impact, stop, x_T), select(impact, -R * v_T, v_T)), (x_T, v_T)
@@ -175,8 +175,8 @@ def _plain_span(lanes, size, table, n, span, recording, watching):
             lanes[GUARD + i] = -1.0
         now, third, bounds = (x, v), lanes[THIRD + i], (math.inf, -math.inf)
         for q in range(span):
-            start, n_0 = now, i + SPEEDS + q * ROW
-            now, end = plain_step(lanes, i, *start, table, n + q, n_0, recording)
+            start, row = now, i + SPEEDS + q * ROW
+            now, end = plain_step(lanes, i, *start, table, n + q, row, recording)
             bounds = _bounded(bounds, start, end, third)
         if watching:
             within = _is_within(lanes, i, bounds)

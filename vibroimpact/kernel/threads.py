@@ -134,6 +134,7 @@ def run_on_threads(threads: int, job: KernelJob) -> None:
         loops = run_exact_with_exponents, run_exact_with_both
     loop = loops[job.record.extremes.size > 0]
     work = compiled(loop, _typical_workspace(), job)
+    # To start a thread takes longer than a few lanes.
     threads = min(threads, max(1, -(-job.points.size // job.lanes)))
     on_threads(threads, job.interrupt, lambda: work(new_workspace(columns), job))
 

@@ -291,7 +291,7 @@ def _free_branch(orbit: PeriodicOrbit, axis: ContinuationParameter) -> Branch:
     start = float(getattr(osc, axis.name))
     first, last = units.into(unit, (axis.low, axis.high)).tolist()
 
-    def gap(value: float) -> float:
+    def room(value: float) -> float:
         oscillator = replace(osc, **{axis.name: value})
         return oscillator.clearance - min(abs(free_amplitude(oscillator)), _INFINITE)
 
@@ -299,10 +299,10 @@ def _free_branch(orbit: PeriodicOrbit, axis: ContinuationParameter) -> Branch:
         """Return how the branch ends towards one side, and the last value."""
         before = start
         for value in side.tolist():
-            if not gap(value) > 0.0:
-                if gap(before) > 0.0:  # otherwise it grazes at the start, to rounding
+            if not room(value) > 0.0:
+                if room(before) > 0.0:  # otherwise it grazes at the start, to rounding
                     between = sorted((before, value))
-                    before = float(brentq(gap, *between, xtol=1e-15, rtol=1e-15))
+                    before = float(brentq(room, *between, xtol=1e-15, rtol=1e-15))
                 return "graze", before
             before = value
         return "edge", before

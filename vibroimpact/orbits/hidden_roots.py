@@ -63,7 +63,7 @@ from vibroimpact.step.polynomial import TERMS, first_crossing
 #: rounding, but at most the step for flights.
 _DIFFERENCE, _DIFFERENCE_SHARE = 1e-9, 1e-12
 #: A change of a test function over this step is rounding if it is less than this share of the
-#: larger of them; its slope is then zero.
+#: larger of the two tests at the point; its slope is then zero.
 _ROUNDINGS = 16.0 * 2.0**-52
 #: The natural oscillation of a flight advances by less than this in a step [rad].
 _MOST_ADVANCE = 1.0
@@ -162,7 +162,7 @@ def set_test_functions(system, X, tangent, bounds, tests):
     rounding = _ROUNDINGS * larger(first, second)
     for i in range(2 * k + 2):
         change = tests[1, i] - tests[0, i]
-        tests[1, i] = change / step if abs(change) > rounding else 0.0
+        tests[1, i] = 0.0 if abs(change) <= rounding else change / step
     for j in range(k):
         tests[1, 2 * j] = tangent[free_at(q, j)]
         tests[1, 2 * j + 1] = -tangent[free_at(q, j)]
@@ -211,10 +211,10 @@ def _flights(system, X, tangent, i, n, zeros):
 
 
 @jit
-def _may_meet(c, here, slopes, there, k, length):
+def _may_meet(c, begin, slopes, end, k, length):
     """Whether step k of a flight may meet the stop at the control point near an end; sets `c`."""
     for j in range(TERMS):
-        c[j] = 4.0 * here[k, j] + 2.0 * length * slopes[k, j] - there[k, j]
+        c[j] = 4.0 * begin[k, j] + 2.0 * length * slopes[k, j] - end[k, j]
     return not is_below(c) and first_crossing(c, 0, 1.0)[0] >= 0.0
 
 
@@ -255,14 +255,14 @@ def _may_have_cusps(system, X, tangent, Y, tangent_Y, length):
 
 
 @jit
-def step_may_miss(system, here, there, length):
+def step_may_miss(system, begin, end, length):
     """Whether a step may miss roots of the test functions, or points that are not orbits.
 
-    It leads from a place to another (`PlainPoint`); `length` is its length along the first
+    It leads from a point to another (`PlainPoint`); `length` is its length along the first
     tangent.
     """
-    X, tangent, tests = here
-    Y, tangent_Y, tests_Y = there
+    X, tangent, tests = begin
+    Y, tangent_Y, tests_Y = end
     if _oscillates_far(system, X, Y):
         return True
     length_Y = length / inner(tangent, tangent_Y, system.q)

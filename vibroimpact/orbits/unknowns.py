@@ -87,7 +87,7 @@ def unknowns(z: np.ndarray, parameters: np.ndarray) -> np.ndarray:
 
 
 def differences_of_halves(X: np.ndarray, m: int, q: int) -> np.ndarray:
-    """Return the difference of the halves of an orbit, shape (q / 2, 2); empty if it has none."""
+    """Return the second half of an orbit less the first, shape (q / 2, 2); empty if it has none."""
     if m % 2 or q % 2:
         return np.empty((0, 2))
     z = impact_rows(X, q)

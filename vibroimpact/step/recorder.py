@@ -168,7 +168,7 @@ def _trace(job, i, exactly):
 
 @specialised
 def _trace_points(job, exactly):
-    """Log point after point until the threads have taken all of them."""
+    """Log point after point until all are taken; `exactly` with the rule ``exact`` alone."""
     i = claim(job.claimed)
     while i < job.points.size:  # terminates: the counter only rises
         rows, status = _trace(job, i, exactly)

@@ -146,6 +146,7 @@ PAPER_STEPS = 100
 
 def least_stable_steps(integrator: str, h: ArrayLike, p: ArrayLike, omega: ArrayLike) -> np.ndarray:
     """Return the least whole steps per forcing period for which a step is stable; inf for none."""
+    # The limits are elementary arithmetic, so this compiles nothing.
     h, p, omega = (np.asarray(value, float) for value in (h, p, omega))
     with np.errstate(all="ignore"):  # extreme ratios, which need too many steps anyway
         steps = np.floor(2.0 * np.pi * p / (omega * INTEGRATORS[integrator].limit(h / p))) + 1.0

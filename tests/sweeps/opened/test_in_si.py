@@ -90,7 +90,7 @@ def test_numbers_computed_in_python_are_drawn_over_the_axes_of_the_rig(joint):
         figure = plotting.bifurcation(ds, axes=["omega"], below=[force, ds["impulse"]])
         coloured = plotting.section(ds, color="omega")
         expected = [force.values, MASS * ds["impulse"].values]
-        with pytest.raises(Refused, match="omega and frequency: two of these are one axis"):
+        with pytest.raises(Refused, match="omega, frequency: two of these are one axis"):
             plotting.section(ds, at={"omega": 150.0, "frequency": 30.0})
     for panel, values in zip(figure.axes[1:], expected, strict=True):
         x, y = panel.lines[0].get_data()
