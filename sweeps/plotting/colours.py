@@ -188,9 +188,9 @@ def paint_of(cut: OpenedSweep, name: str, *, dots: bool = False, grey: bool = Fa
             has_value &= ~zero
         elif norm(0.0) == 0.5 and not grey:
             ramp = _SIGNED_DOTS if dots else _SIGNED
-        if not any(cell.where.any() for cell in cells[1:]) and cells[0].where.all():
-            none = " or has no value" if np.isnan(numbers).any() else ""
-            raise Refused(f"there is nothing to draw: {name} is 0{none} at every point")
+        if (cells[0].where | cells[-1].where).all():
+            contents.refuse_without_value(numbers, name)
+            raise Refused(f"there is nothing to draw: {name} is 0 at every point with a value")
         values = np.ma.masked_where(~has_value, numbers)
     if dots:
         cells = [

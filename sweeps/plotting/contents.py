@@ -5,7 +5,6 @@ This is the only way in which ``quantity``, ``below`` and ``color`` become value
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from typing import Any, NoReturn
 
@@ -110,13 +109,17 @@ def _with_values(sweep: OpenedSweep, values: xr.DataArray) -> tuple[OpenedSweep,
     for axis in map(sweep.nomenclature.parameter, sweep.grid):
         if axis in values.coords and not values[axis].dims:  # of a cut: no value elsewhere
             is_cut = sweep[axis] == values[axis].item()
-            values = values.drop_vars(axis).astype(float).where(is_cut)
+            if is_cut.any():  # else refused below
+                values = values.drop_vars(axis).astype(float).where(is_cut)
     coords = {*PARAMETERS, *sweep.grid} & {*values.coords} & {*sweep.data.coords}
     is_there = all(values[each].variable.equals(sweep.data[each].variable) for each in coords)
     if not is_there or any(values.sizes[dim] != sweep.sizes[dim] for dim in values.dims):
         raise Refused(f"{name} is at other values of the axes; {over}")
     plain, attrs = values.drop_vars([*values.coords]), {"long_name": name, "symbol": ""}
-    is_variable = name in sweep and plain.fillna(sweep[name]).variable.equals(sweep[name].variable)
+    is_variable = name in sweep and {*plain.dims} == {*sweep[name].dims}  # reads no record
+    if is_variable:
+        plain = plain.transpose(*sweep[name].dims)
+        is_variable = plain.fillna(sweep[name]).variable.equals(sweep[name].variable)
     of_file = {of.meaning for of in VARIABLES.values()} | {of.meaning for of in PARAMETERS.values()}
     if is_variable or values.attrs.get("long_name") not in of_file:  # calculations keep attributes
         attrs |= (sweep[name].attrs if is_variable else {}) | values.attrs
@@ -194,7 +197,8 @@ def fitting_orbits(
     nomenclature = cut.nomenclature
     for name in sorted(PARAMETERS.keys() & exact.attrs.keys() - {*STARTS}):
         pair = float(exact.attrs[name]), float(cut[name])
-        if not math.isclose(*pair, rel_tol=1e-9):
+        slack = 1e-9 * float(abs(cut.whole[name]).max()) + 1e-15  # linspace passes 0 at 1e-17
+        if abs(pair[0] - pair[1]) > slack:
             of_orbits, of_cut = (nomenclature.value(name, value) for value in pair)
             place = f"{nomenclature.name(name)} = {of_orbits:.6g}, not {of_cut:.6g}"
             raise Refused(f"the exact {noun} are at {place}: find them there")

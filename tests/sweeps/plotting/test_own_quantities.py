@@ -19,6 +19,7 @@ from sweeps.plotting import (
     trajectory,
 )
 from sweeps.plotting.looks import period_cells
+from sweeps.store.xarray_engine import open_sweep
 from tests.helpers.sweep_files import swept
 from vibroimpact import Status
 
@@ -66,9 +67,13 @@ def test_a_quantity_of_ones_own_is_mapped_with_its_label_and_units(dataset):
     assert turned.axes[1].get_xlabel() == "thrust"
     twice = (dataset["impulse"] * 2.0).rename("twice")  # with the attributes of the impulse
     masked = dataset["impulse"].where(dataset["R"] > 0.7)
-    given = [parameter_map(dataset, quantity=each) for each in (twice, masked, "impulse")]
-    labels = [figure.axes[1].get_xlabel() for figure in given]
-    assert labels[0] == "twice" and labels[1] == labels[2] != "impulse"
+    selected = [*(dataset["impulse"].sel(each) for each in ({"R": 0.6}, {"omega": 2.2})), masked]
+    selected += [dataset["impulse"].transpose(), "impulse"]
+    given = [parameter_map(dataset, quantity=each) for each in (twice, *selected)]
+    first, *labels = [figure.axes[1].get_xlabel() for figure in given]
+    assert first == "twice" and {*labels} == {
+        r"impulse on the stop per forcing period and mass $J$"
+    }
 
 
 @pytest.mark.slow
@@ -121,9 +126,14 @@ def test_a_quantity_of_ones_own_is_drawn_below(dataset):
     np.testing.assert_array_equal(panel.lines[0].get_ydata(), given.sel(R=0.8).values)
     cut = bifurcation(dataset, at={"R": 0.8}, below=given.sel(R=0.8)).axes[1].lines[0]
     np.testing.assert_array_equal(cut.get_ydata(), panel.lines[0].get_ydata())
-    for none in (dataset["impulse"] * np.nan, dataset["impulse"].sel(R=0.6)):
+    nowhere = dataset["impulse"] * np.nan
+    for draw in (
+        lambda: bifurcation(dataset, at={"R": 0.8}, below=nowhere),
+        lambda: bifurcation(dataset, at={"R": 0.8}, below=dataset["impulse"].sel(R=0.6)),
+        lambda: parameter_map(dataset, quantity=nowhere),
+    ):
         with pytest.raises(Refused, match="no point has a finite value of the given impulse"):
-            bifurcation(dataset, at={"R": 0.8}, below=none)
+            draw()
 
 
 def test_numbers_from_another_program_without_attributes_are_drawn(dataset, recorded):
@@ -151,6 +161,12 @@ def test_numbers_from_another_program_without_attributes_are_drawn(dataset, reco
     assert not bare["omega"].attrs
 
 
+def test_numbers_from_a_record_read_no_other(files, recorded):
+    with open_sweep(files / "recorded.h5") as lazy:
+        parameter_map(OpenedSweep(lazy), quantity=recorded["poincare_x"].max("section"))
+        assert not lazy["poincare_x"].variable._in_memory
+
+
 @pytest.mark.parametrize(
     ("change", "message"),
     [
@@ -159,6 +175,7 @@ def test_numbers_from_another_program_without_attributes_are_drawn(dataset, reco
         (lambda q: q.isel(omega=0, R=0), "thrust is over no dimension; expected: numbers over R, "),
         (lambda q: q.expand_dims(shot=3), "thrust is over shot, R, omega; expected: numbers over"),
         (lambda q: q.assign_coords(omega=q.omega + 1.0), "thrust is at other values of the axes"),
+        (lambda q: q.isel(R=0).assign_coords(R=0.65), "thrust is at other values of the axes"),
         (lambda q: q.isel(omega=slice(3)), "thrust is at other values of the axes; expected"),
         (lambda q: q.astype(str), "thrust holds <U.*; expected: numbers over R, omega"),
         (lambda q: q.values, "is not allowed; expected: (a name or a|names or) DataArray"),
