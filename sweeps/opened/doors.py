@@ -147,8 +147,9 @@ def _opened(dataset: object) -> OpenedSweep:
     if DIRECTION in dataset.dims and dataset[DIRECTION][0] == "down":  # sorted by name
         dataset = dataset.isel({DIRECTION: slice(None, None, -1)})
     integers = {name: each.astype(VARIABLES[name].dtype) for name, each in _integers(dataset)}
+    records = {n: dataset.variables[n].astype(int) for n in RECORDS.keys() & {*dataset.coords}}
     grid = sorted(dataset["status"].dims, key=lambda name: name != DIRECTION)  # as in a file
-    ordered = dataset.assign(integers).transpose(*grid, ...)
+    ordered = dataset.assign(integers).assign(records).transpose(*grid, ...)
     for called, variable in ordered.variables.items():  # pandas keeps no attributes
         variable.attrs = attributes_of(str(called), ordered.attrs) | variable.attrs
     return OpenedSweep(ordered)
@@ -169,10 +170,11 @@ def _axis_problems(dataset: xr.Dataset) -> Iterator[str]:
         if not dataset.sizes.get(name, 1):
             yield f"has no value of {name}"
     for name in sorted(RECORDS.keys() & {*map(str, coords)}):
-        numbers = np.atleast_1d(coords[name].values)
+        numbers = np.array(coords[name].values.tolist(), ndmin=1)  # also of dtype object
         is_cut = numbers.dtype.kind not in "iuf" or (np.diff(numbers) != 1).any()
         if is_cut or (name == "exponent" and numbers[0] != 0):
-            yield f"has values of {name} that do not follow one another as in a file"
+            taken = f"isel({name}=slice({'2' if name == 'exponent' else '-8, None'}))"
+            yield f"has values of {name} that are not consecutive as in a file: take {taken}"
     for name in (*dims, *PARAMETERS):
         if name not in (*PARAMETERS, DIRECTION, TABLE):
             yield f"has the axis {name}, which no sweep has"

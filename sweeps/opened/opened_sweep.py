@@ -194,7 +194,7 @@ class OpenedSweep:
         return shown_in_part(results, self.spec.periods, self.sizes["impact"])
 
     def left_out(self, record: str) -> str:
-        """Return how many sections or impacts are held at most, in words; empty if all are."""
+        """Return how many sections or impacts are held of how many, in words; empty if all are."""
         width, most, which = self.sizes[record], self.spec.periods, ""
         if record == "impact":
             met = impacts_met(self["impacts_per_period"].values, self.spec.periods)
@@ -229,7 +229,7 @@ class OpenedSweep:
         return replace(self, data=data, source=self)
 
     def isel(self, indices: Mapping[Any, Any]) -> Self:
-        """Return the points at these indices of dimensions."""
+        """Return the points at these indices, each of one dimension on its own: not pointwise."""
         data = self.data
         for name, index in indices.items():  # all at once, xarray fails after a transposition
             data = data.isel({name: index})

@@ -15,7 +15,7 @@ import xarray as xr
 from sweeps.errors import StoreError
 from sweeps.store.variables import VARIABLES
 from sweeps.store.xarray_engine import open_sweep
-from tests.helpers.commands import SMALL, accepted, call
+from tests.helpers.commands import SMALL, accepted, call, refused
 from tests.helpers.sweep_files import data
 from tests.helpers.written_files import GRID, fill_blocks
 from vibroimpact.status import Status
@@ -132,6 +132,7 @@ def test_the_damaged_variables_are_named(bases, base):
     Path("out.h5").write_bytes(content)
     with pytest.raises(StoreError, match=r"out\.h5 is damaged: poincare_x, status; .*-o NEW\.h5"):
         open_sweep("out.h5")
+    assert "out.h5 is damaged: poincare_x, status" in refused("info", "out.h5")
     open_sweep("out.h5", verify=False).close()
     with pytest.raises(StoreError, match="is damaged: poincare_x"):
         fill_blocks("out.h5", resume=True)
