@@ -204,9 +204,17 @@ def test_two_flips_in_one_step_are_found():
     assert found[:2] == pytest.approx([1.113553429805437, 1.164509496718609], abs=1e-13)
 
 
-def test_a_branch_without_a_stop_in_the_way_ends_where_there_is_no_force():
-    osc = Oscillator(h=0.05, R=0.8, omega=2.3, f=1.0)
-    found = branch(one_impact_orbit(osc), "f", 0.0, 2.0).special
+@pytest.mark.parametrize(
+    ("osc", "n"),
+    [
+        (Oscillator(h=0.05, R=0.8, omega=2.3, f=1.0), 1),
+        (Oscillator(h=0.0, R=0.64, omega=2.0, f=0.36), 1),
+        (Oscillator(h=1e-4, R=0.4, omega=5.6, f=1.0), 3),
+    ],
+)
+def test_a_branch_without_a_stop_in_the_way_ends_where_there_is_no_force(osc, n):
+    """In no flip, fold or graze, although the tests of these vanish there to rounding."""
+    found = branch(one_impact_orbit(osc, n), "f", 0.0, 2.0).special
     assert [(point.kind, point.value) for point in found] == [("edge", 0.0), ("edge", 2.0)]
 
 

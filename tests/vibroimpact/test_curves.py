@@ -19,6 +19,8 @@ from vibroimpact.oscillator import Oscillator
 
 #: Ghosh & Simpson (arXiv 2510.16218): b = 2 h = .04, r = R = .9, the stop at 1; n = 2.
 SCENE = Oscillator(h=0.02, R=0.9, omega=0.81, f=0.35, clearance=1.0)
+#: Its orbit of 1/1 is stable.
+STEADY = Oscillator(h=0.0, R=0.8, omega=2.0, f=1.0)
 
 
 def test_the_flips_without_damping_are_on_the_closed_form():
@@ -208,13 +210,25 @@ def test_bad_requests_are_refused():
         said = f"the flip is at omega = 0.81, outside {low} to {high}"
         with pytest.raises(OrbitError, match=said):
             bifurcation_curve(start, "flip", f, ("omega", low, high))
-    steady = one_impact_orbit(Oscillator(h=0.0, R=0.8, omega=2.0, f=1.0))
-    with pytest.raises(OrbitError, match="no fold"):
-        bifurcation_curve(steady, "fold", ("omega", 1.8, 2.2), ("R", 0.7, 0.9))
+    steady = one_impact_orbit(STEADY)
     for kind, second in (("flip", ("R", 0.6, 0.9)), ("fold", ("R", 0.1, 0.2))):
         for ranges in (("omega", 4.0, 5.0), second), (second, ("omega", 4.0, 5.0)):
             with pytest.raises(OrbitError, match=r"the orbit is at (omega|R) = .*, outside"):
                 bifurcation_curve(steady, kind, *ranges)
+
+
+@pytest.mark.parametrize(
+    ("kind", "osc", "first"),
+    [
+        ("fold", STEADY, ("omega", 1.8, 2.2)),
+        ("fold", STEADY, ("f", 0.0, 1.4)),  # without force the equations are those of a fold
+        # The flip that is near has a flight across the stop.
+        ("flip", Oscillator(0.0, 0.42, 1.17, 1.0, clearance=0.29), ("clearance", -1.0, 2.0)),
+    ],
+)
+def test_no_other_bifurcation_is_taken_for_one_of_the_orbit(kind, osc, first):
+    with pytest.raises(OrbitError, match=f"no {kind} is found"):
+        bifurcation_curve(one_impact_orbit(osc), kind, first, ("h", 0.0, 1.0))
 
 
 @pytest.mark.parametrize(

@@ -229,9 +229,9 @@ def _edge(
     free(guess, family.q)[axis] = reason.where / family.spans[axis]
     free(plane, family.q)[0, axis] = 1.0
     edge = family.corrected(guess, plane)
-    if edge is None or not is_orbit(family, family.point(edge, step.begin.tangent)):
-        return None
-    return edge if step.share(X) <= step.share(edge) <= step.share(Y) else None
+    if edge is not None and is_orbit(family, family.point(edge, step.begin.tangent)):
+        return edge
+    return None
 
 
 def ending(step: ArclengthStep) -> End:

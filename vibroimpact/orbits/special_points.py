@@ -60,7 +60,9 @@ class SpecialPoint(NamedTuple):
         is too long, or, with hardly any damping and loss, its speeds become infinite. Where the
         equations of a curve are singular, at a degenerate flip, where several impacts graze
         together or meet, and where the force vanishes, its end is right to 1e-6 of the ranges,
-        or to 2e-4 with hardly any damping, as seen at h = 3e-6.
+        or to 2e-4 with hardly any damping, as seen at h = 3e-6. At h = 0 and R = 1 a branch does
+        not list where orbits lose their symmetry in time, since its parameter does not turn there;
+        where a whole family of orbits has one value of the parameter, its folds are rounding.
     value : float, or ndarray of shape (2,)
         Value of the parameter, or of the two parameters of a curve.
     orbit : PeriodicOrbit
@@ -271,9 +273,8 @@ def one_way(family: OrbitFamily, X: np.ndarray, tangent: np.ndarray) -> Path:
             path.closed = True
         elif step.last:
             end = ending(step)
-            lost, at_edge = end[0] == "lost", end[0] == "edge" and end[1] is step.end.X
-            # An edge that is reached is the end; any other is only where the last step led.
-            beyond = None if at_edge else singular_end(family, [X for X, _ in path.points], lost)
+            lost = end[0] == "lost"
+            beyond = singular_end(family, [X for X, _ in path.points], lost)
             if beyond is None and not lost and step.inadmissible is not None:
                 path.points.pop()
             end = beyond or end
