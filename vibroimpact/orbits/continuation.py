@@ -229,9 +229,8 @@ def _edge(
     free(guess, family.q)[axis] = reason.where / family.spans[axis]
     free(plane, family.q)[0, axis] = 1.0
     edge = family.corrected(guess, plane)
-    if edge is not None and is_orbit(family, family.point(edge, step.begin.tangent)):
-        return edge
-    return None
+    found = edge is not None and is_orbit(family, family.point(edge, step.begin.tangent))
+    return edge if found else None
 
 
 def ending(step: ArclengthStep) -> End:

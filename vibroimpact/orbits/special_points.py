@@ -61,8 +61,7 @@ class SpecialPoint(NamedTuple):
         equations of a curve are singular, at a degenerate flip, where several impacts graze
         together or meet, and where the force vanishes, its end is right to 1e-6 of the ranges,
         or to 2e-4 with hardly any damping, as seen at h = 3e-6. At h = 0 and R = 1 a branch does
-        not list where orbits lose their symmetry in time, since its parameter does not turn there;
-        where a whole family of orbits has one value of the parameter, its folds are rounding.
+        not list a loss of symmetry in time, and folds of orbits that share one value are rounding.
     value : float, or ndarray of shape (2,)
         Value of the parameter, or of the two parameters of a curve.
     orbit : PeriodicOrbit
