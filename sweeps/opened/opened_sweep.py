@@ -197,8 +197,7 @@ class OpenedSweep:
         """Return how many sections or impacts are held of how many, in words; empty if all are."""
         width, most, which = self.sizes[record], self.spec.periods, ""
         if record == "impact":
-            met = impacts_met(self["impacts_per_period"].values, self.spec.periods)
-            most = int(met.max(initial=0))
+            most = int(impacts_met(self["impacts_per_period"].values, most).max(initial=0))
             which = "last " if width == self.spec.impacts else ""  # and not a cut
         several = "up to " if record == "impact" and self["status"].size > 1 else ""
         return f"{which}{width:,} of {several}{shown_count(most, record)}" if most > width else ""
