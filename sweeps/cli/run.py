@@ -157,11 +157,8 @@ def planned_text(
     computer = LocalComputer(threads) if client is None else ClusterComputer(client)
     with progress_shown(f"estimating the cost of {config.name}"):
         cost = expected_cost(config.sweep, path, computer, resume)
-    remaining = config.sweep.size
-    if resume and is_sweep(path):
-        remaining = 0
-    elif resume and (counts := finished_points(path)):
-        remaining -= counts[0]
+    finished, _ = (finished_points(path) if resume else None) or (0, 0)
+    remaining = 0 if resume and is_sweep(path) else config.sweep.size - finished
     return plan(config, path, cost, remaining)
 
 

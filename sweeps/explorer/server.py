@@ -125,8 +125,8 @@ class _Application(BokehTornado):
         if not self._is_own(request):
             return self.get_handler_delegate(request, ErrorHandler, {"status_code": 403})
         delegate = super().find_handler(request, **options)
-        own = {DocHandler: _Page, WSHandler: _Connection}.get(delegate.handler_class)
-        delegate.handler_class = own or delegate.handler_class
+        handler = delegate.handler_class
+        delegate.handler_class = {DocHandler: _Page, WSHandler: _Connection}.get(handler, handler)
         return delegate
 
     def _is_own(self, request: HTTPServerRequest) -> bool:

@@ -245,9 +245,8 @@ def orbits_on_axes(sweep: OpenedSweep, orbits: xr.Dataset) -> xr.Dataset:
     values = {axis: (v.dims, nomenclature.value(axis, v.values)) for axis, v in axes.items()}
     si = orbits.assign_coords(values)
     if "range" in si.attrs:  # of branches
-        si.attrs["range"] = nomenclature.value(
-            next(iter(axes)), np.array(si.attrs["range"])
-        ).tolist()
+        limits = np.array(si.attrs["range"])
+        si.attrs["range"] = nomenclature.value(next(iter(axes)), limits).tolist()
     return si.rename({axis: nomenclature.name(axis) for axis in axes})
 
 

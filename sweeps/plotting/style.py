@@ -27,8 +27,8 @@ GREEN, PURPLE, SKY, YELLOW = "#009E73", "#CC79A7", "#56B4E9", "#F0E442"
 DARK_ORANGE = "#BF7A00"  # for dots and lines
 WHITE, BLACK = "#FFFFFF", "#000000"
 
-#: The turn to draw: all threads share matplotlib's settings and its reader of formulas.
-_TURN = threading.RLock()
+#: One thread draws at a time: all share matplotlib's settings and its reader of formulas.
+_LOCK = threading.RLock()
 
 STATUS_COLOURS = {
     Status.PENDING: "#ACA59E",
@@ -323,8 +323,8 @@ def user_style() -> dict[Any, Any]:
 def in_style(
     settings: Mapping[Any, Any] = {}, *, common: bool = True, grey: bool = False
 ) -> Iterator[None]:
-    """Draw with settings, those that are `common` and those of grey, while other threads wait."""
-    with _TURN, mpl.rc_context((user_style() if common else {}) | dict(settings)):
+    """Draw in the `common` style or not, with settings, in grey or not; other threads wait."""
+    with _LOCK, mpl.rc_context((user_style() if common else {}) | dict(settings)):
         mpl.rcParams.update(grey_style() if grey else {})
         with warnings.catch_warnings():  # of characters in the name of a sweep that the font lacks
             warnings.filterwarnings("ignore", "Glyph", UserWarning)
