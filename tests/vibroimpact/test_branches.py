@@ -22,9 +22,7 @@ AHEAD = Oscillator(h=0.1, R=0.8, omega=1.0, f=1.0, clearance=1.0)
     ("h", "R", "n", "flips"),
     [
         (0.0, 0.8, 1, (1.260677, 2.653348)),
-        (0.0, 0.8, 2, (3.353178, 4.641837)),
         (0.0, 0.8, 3, (5.359488, 6.639142)),
-        (0.0, 0.5, 1, (1.195148, 2.658152)),
         (0.05, 0.8, 1, (1.22973534658679, 2.65888454668484)),
         (0.05, 0.8, 2, (3.33809052026845, 4.64512198413259)),
         (0.1, 0.5, 2, (3.27476229637949, 4.66788325419651)),
@@ -233,7 +231,7 @@ def test_a_branch_of_too_much_work_is_lost(monkeypatch):
 def test_a_branch_ends_at_the_edge_itself_and_has_an_orbit_there():
     """The last value is the edge itself; beside it, `at` would find no orbit."""
     start = one_impact_orbit(LIGHT)
-    for high in np.linspace(2.1, 2.6, 41).tolist():
+    for high in np.linspace(2.1, 2.6, 9).tolist():
         found = branch(start, "omega", 1.9, high)
         assert found.values[[0, -1]].tolist() == [1.9, high]
         (orbit,) = found.at(high)
@@ -243,7 +241,7 @@ def test_a_branch_ends_at_the_edge_itself_and_has_an_orbit_there():
 @pytest.mark.parametrize(("axis", "low"), [("R", 0.5), ("h", 0.0)])
 def test_the_flip_at_an_edge_from_which_a_branch_begins_is_not_beyond_the_edge(axis, low):
     """Rounding decides at the edge itself; beyond R = 1 there is no oscillator."""
-    for clearance in np.linspace(-0.12, 0.08, 12).tolist():
+    for clearance in np.linspace(-0.12, 0.08, 6).tolist():
         osc = Oscillator(h=0.002, R=1.0, omega=2.6, f=1.0, clearance=clearance)
         for point in branch(one_impact_orbit(osc), "omega", 2.0, 3.4).special:
             if point.kind == "flip":

@@ -1,4 +1,4 @@
-"""Flips, their criticality and their cascades, and period adding: doubled branches and ratios."""
+"""Flips, their criticality and their cascades: branches of twice the period, and ratios."""
 
 import math
 from dataclasses import replace
@@ -40,7 +40,7 @@ def doubled_branches(seed):
                         queue.append(found)
 
 
-@few_or_many(("seed", "count"), (14, 20), (15, 4000))
+@few_or_many(("seed", "count"), (14, 12), (15, 4000))
 def test_a_branch_has_the_same_special_points_from_wherever_it_is_followed(seed, count):
     rng, followed = np.random.default_rng(8), 0
     for found, ends in islice(doubled_branches(seed), count):
@@ -50,7 +50,7 @@ def test_a_branch_has_the_same_special_points_from_wherever_it_is_followed(seed,
             continue
         expected = [(p.kind, p.orbit.m, p.value) for p in found.special]
         expected = sorted([*expected, ("flip", found.m // 2, found.values[0])])
-        for i in rng.integers(1, len(found.values) - 1, 5).tolist():
+        for i in rng.integers(1, len(found.values) - 1, 3).tolist():
             again = branch(found.orbit(i), *found.parameters, *ends)
             listed = sorted((p.kind, p.orbit.m, p.value) for p in again.special)
             assert [item[:2] for item in listed] == [item[:2] for item in expected]
@@ -90,7 +90,7 @@ def test_the_orbits_just_beyond_a_flip_are_those_of_twice_the_period():
     assert found.at(flip.value) == []
 
 
-@pytest.mark.parametrize("width", [1e-3, 1e-6, 1e-8])
+@pytest.mark.parametrize("width", [1e-3, 1e-8])
 def test_a_weak_spring_hides_no_flip_in_a_narrow_range(width):
     """A ball on a table, nearly: the speed p |clearance| is 2,000 times that of any impact."""
     osc = Oscillator(h=0.0, R=0.15, omega=1.0, f=2.8, p=1e-4, clearance=-1e8)
@@ -120,37 +120,6 @@ def test_feigenbaums_ratio_after_seven_further_flips():
     (x, v), *_ = orbit.sections()
     run = simulate(orbit.oscillator, 256, x0=x, v0=v)
     assert run.section_x[-1] == pytest.approx(x, abs=1e-9)
-
-
-def beside(osc, n, clearances):
-    """Return the branch of n/1 over the clearance, from the first value with such an orbit."""
-    for clearance in clearances.tolist():
-        for start in one_impact_orbits(replace(osc, clearance=clearance), n)[-1:]:
-            if start.exists:
-                return branch(start, "clearance", clearances.min(), clearances.max())
-    raise AssertionError(n)
-
-
-@pytest.mark.parametrize(("decay", "most"), [(0.2, 7), (0.4, 9)])
-def test_period_adding_has_the_ratios_of_the_multiplier(decay, most):
-    """At h = 3, R = .8, beside the graze of the free oscillation: successive flips of n/1.
-
-    With the larger multiplier lambda of the free oscillation, distances to the graze have the
-    ratio lambda^-2, impact speeds lambda^-1.
-    """
-    h, rate = 3.0, 3.0 - math.sqrt(8.0)
-    omega = 2.0 * math.pi * rate / -math.log(decay)
-    osc = Oscillator(h=h, R=0.8, omega=omega, f=1.0)
-    graze = 1.0 / math.hypot(1.0 - omega**2, 2.0 * h * omega)
-    flips = []
-    for n in range(2, most + 1):
-        scale = np.concatenate([np.geomspace(100.0, 1e-3, 60), [0.0]])
-        found = beside(osc, n, graze * (1.0 - decay ** (2 * n) * scale))
-        (flip,) = [point for point in found.special if point.kind == "flip"]
-        flips.append((graze - flip.value, flip.orbit.speeds[0]))
-    distances, speeds = np.array(flips).T
-    assert distances[-2] / distances[-1] == pytest.approx(decay**-2, rel=1e-3)
-    assert speeds[-2] / speeds[-1] == pytest.approx(1.0 / decay, rel=1e-3)
 
 
 #: Branches of orbits of twice the period that begin at the flip of their half or beside it, at an
@@ -205,7 +174,7 @@ def random_flips(seed):
         yield from ((name, flip) for flip in flips if flip.orbit.speeds.min() > 1e-3)
 
 
-@few_or_many("count", 6, 400)
+@few_or_many("count", 4, 400)
 def test_the_criticality_is_that_of_the_cubic_coefficient_in_60_digits(count):
     for name, flip in islice(random_flips(seed=1), count):
         with mp.workdps(60):

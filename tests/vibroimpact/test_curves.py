@@ -76,29 +76,20 @@ def test_flips_and_folds_are_tangent_to_the_graze(kind, omega, f, beside, slower
     assert BarycentricInterpolator(places, slopes)(0.0) == pytest.approx(0.0, abs=2e-11)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("m", "q", "omega", "f", "away"),
-    [
-        (4, 2, 0.8199159663865546, 0.3372268907563025, 2e-8),
-        (20, 12, 0.826218487394958, 0.3349579831932773, 1e-6),
-    ],
-)
-def test_the_flips_of_long_orbits_end_where_those_of_two_periods_do(m, q, omega, f, away):
+def test_the_flips_of_long_orbits_end_where_those_of_two_periods_do():
     """All speeds vanish there, and the multipliers change faster and faster towards it."""
-    osc = replace(SCENE, omega=omega, f=f)
-    start = settled_orbit(osc, m)
+    start = settled_orbit(replace(SCENE, omega=0.8199159663865546, f=0.3372268907563025), 4)
     flips = [p for p in branch(start, "f", 0.31, 0.4).special if p.kind == "flip"]
-    flip = min((p for p in flips if p.orbit.q == q), key=lambda p: abs(p.value - f))
-    assert (flip.orbit.m, flip.orbit.q) == (m, q)
+    flip = min((p for p in flips if p.orbit.q == 2), key=lambda p: abs(p.value - 0.337))
+    assert flip.orbit.m == 4
     found = bifurcation_curve(flip.orbit, "flip", ("f", 0.31, 0.4), ("omega", 0.78, 0.83))
     (end,) = [p for p in found.special if p.kind == "graze" and p.value[0] > 0.35]
-    assert end.value == pytest.approx([free_graze(MEETING), MEETING], abs=away)
+    assert end.value == pytest.approx([free_graze(MEETING), MEETING], abs=2e-8)
     assert {p.kind for p in found.special} <= {"graze", "edge"}
     assert len(found.values) < 60
     for (f, omega), phases, speeds in zip(found.values, found.phases, found.speeds, strict=True):
         if speeds.min() > 0.02:  # below, the rounding of the phases alone may be seen
-            orbit = PeriodicOrbit(replace(SCENE, f=f, omega=omega), m, phases, speeds)
+            orbit = PeriodicOrbit(replace(SCENE, f=f, omega=omega), 4, phases, speeds)
             assert np.abs(orbit.multipliers + 1.0).min() < 1e-10
 
 
@@ -144,7 +135,7 @@ def test_the_graze_of_the_free_oscillation_is_its_closed_form_with_the_meeting_m
         assert point.value[1] == pytest.approx(MEETING, abs=1e-13)
 
 
-@pytest.mark.parametrize("last", [7.3, 10.0, 18.0])
+@pytest.mark.parametrize("last", [7.3, 18.0])
 def test_a_step_does_not_jump_to_another_curve_beside_its_own(last):
     """There the grazes of 8/6 have two sheets 3e-4 apart; on the other one they end soon."""
     osc = Oscillator(0.02643609416138875, 0.9589092959750787, 7.177241693439115, 1.0)
@@ -169,7 +160,7 @@ def test_no_flips_and_folds_meet_the_grazes_of_a_long_period_without_damping():
     assert not {"flip", "fold"} & {point.kind for point in found.special}
 
 
-@pytest.mark.parametrize("width", [1e-7, 1e-8, 1e-9, 1e-10])
+@pytest.mark.parametrize("width", [1e-7, 1e-10])
 def test_a_curve_over_narrow_ranges_goes_from_edge_to_edge(width):
     scene = Oscillator(h=0.05, R=0.8, omega=2.65888454668484, f=1.0)
     ranges = [(x, getattr(scene, x) - width, getattr(scene, x) + width) for x in ("omega", "R")]
@@ -189,7 +180,7 @@ def test_flips_end_where_the_half_flips_and_grazes():
     start, ends = PeriodicOrbit(osc, 2, phases, speeds), []
     first, second = ("clearance", -0.326, 1.674), ("omega", 0.282, 0.846)
     whole = bifurcation_curve(start, "flip", first, second)
-    for i in len(whole.values) * np.array([1, 2, 3]) // 4:
+    for i in len(whole.values) * np.array([1, 3]) // 4:
         found = bifurcation_curve(whole.orbit(i), "flip", first, second)
         (end,) = [p for p in found.special if np.sort(p.orbit.speeds)[1] < 1e-4]
         assert end.kind == "graze" and len(found.values) < 80

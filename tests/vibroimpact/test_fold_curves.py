@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from functools import cache
 
 import mpmath as mp
 import numpy as np
@@ -72,12 +73,14 @@ EVEN_FOLDS = [
 RANGES = {"R": (0.3, 1.0), "omega": (0.5, 8.0), "clearance": (-0.3, 0.3)}
 
 
-def even_fold(case):
-    """Return the orbit of a row of `EVEN_FOLDS`, and the ranges of its two parameters."""
+@cache
+def even_folds(case):
+    """Return the curve of a row of `EVEN_FOLDS`, and the ranges of its two parameters."""
     (h, R, omega, clearance), m, phases, speeds, *names, _ = EVEN_FOLDS[case]
     osc = Oscillator(h=h, R=R, omega=omega, f=1.0, clearance=clearance)
     start = PeriodicOrbit(osc, m, np.array(phases), np.array(speeds))
-    return start, [(name, *RANGES[name]) for name in names]
+    ranges = [(name, *RANGES[name]) for name in names]
+    return bifurcation_curve(start, "fold", *ranges), ranges
 
 
 def orbits_twice(found):
@@ -135,13 +138,12 @@ def at_degenerate_flip(end, ranges, folds, off):
 @pytest.mark.parametrize("case", range(len(EVEN_FOLDS)))
 def test_the_folds_of_an_even_orbit_end_at_the_degenerate_flip_of_its_half(case):
     """Beyond it the halves would change places."""
-    start, ranges = even_fold(case)
-    found = bifurcation_curve(start, "fold", *ranges)
+    found, ranges = even_folds(case)
     assert sorted(point.kind for point in found.special) == EVEN_FOLDS[case][-1]
     for point in (0, -1):
         assert found.special[point].value.tolist() == found.values[point].tolist()
     assert not orbits_twice(found)
-    for i in range(1, len(found.values) - 1, 12):
+    for i in len(found.values) * np.array([1, 2, 3]) // 4:
         again = bifurcation_curve(found.orbit(i), "fold", *ranges)
         specials = sorted(again.special, key=lambda p: np.abs(p.value - found.values[0]).max())
         for point, expected in zip(specials, found.special, strict=True):
@@ -149,7 +151,7 @@ def test_the_folds_of_an_even_orbit_end_at_the_degenerate_flip_of_its_half(case)
             assert point.value == pytest.approx(expected.value, abs=2e-8)
         assert not orbits_twice(again)
     for end in (point for point in found.special if point.kind == "flip"):
-        assert (end.orbit.m, end.orbit.q) == (start.m // 2, start.q // 2)
+        assert (end.orbit.m, end.orbit.q) == (found.m // 2, found.q // 2)
         at_degenerate_flip(end, ranges, found, off=1e-9)
 
 
@@ -168,18 +170,12 @@ RESONANT_FOLDS = [
         (0.4533649300320061, 0.3094417684784397, 0.48787918202701913, 0.359695148117221),
         ("p", 0.37038, 1.62962), ("R", 0.40346, 0.78511), ["flip", "flip"],
     ),
-    (
-        (0.0028280073070909226, 0.9270389501064908, 0.7505942405230596, 3.437808668542584,
-         0.7518735452621153, 10.539791788425157),
-        (4.760499839324295, 10.985201203714293), (5.39811938233415, 9.457266523539156),
-        ("omega", 0.67905, 1.22553), ("clearance", 7.71157, 13.368), ["flip", "edge"],
-    ),
 ]  # fmt: skip
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("values", "phases", "speeds", "first", "second", "kinds"), RESONANT_FOLDS, ids=range(3)
+    ("values", "phases", "speeds", "first", "second", "kinds"), RESONANT_FOLDS, ids=range(2)
 )
 def test_folds_near_a_resonance_are_whole(values, phases, speeds, first, second, kinds):
     start = PeriodicOrbit(Oscillator(*values), 2, np.array(phases), np.array(speeds))
@@ -213,8 +209,8 @@ def test_where_no_folds_are_found_beside_a_degenerate_flip_none_of_others_are_ta
 @pytest.mark.parametrize("case", range(len(EVEN_FOLDS)))
 def test_the_folds_from_a_degenerate_flip_are_found_over_a_thousandth_of_the_ranges(case):
     """In units of these the parameters move far, although the orbit is near that of the flip."""
-    start, wide = even_fold(case)
-    (end, *_) = (p for p in bifurcation_curve(start, "fold", *wide).special if p.kind == "flip")
+    found, wide = even_folds(case)
+    (end, *_) = (point for point in found.special if point.kind == "flip")
     flips = bifurcation_curve(end.orbit, "flip", *wide)
     turns = [point for point in flips.special if point.kind == "degenerate"]
     turn = min(turns, key=lambda point: np.abs(point.value - end.value).max())
@@ -222,25 +218,17 @@ def test_the_folds_from_a_degenerate_flip_are_found_over_a_thousandth_of_the_ran
     ends = turn.value - spans, turn.value + spans
     narrow = [*zip((name for name, *_ in wide), *ends, strict=True)]
     folds = bifurcation_curve(turn.orbit, "fold", *narrow)
-    assert (folds.m, folds.q) == (start.m, start.q)
+    assert (folds.m, folds.q) == (found.m, found.q)
     assert min(np.abs((p.value - end.value) / spans).max() for p in folds.special) < 1e-4
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("m", "omega", "R", "phases", "speeds"),
-    [
-        (3, 2.999999073414122, 0.999996834563512, [1.74559681, 8.55197921, 11.17037833],
-         [0.29347925, 3.71696672e-07, 0.293478892]),
-        (5, 4.999999747616023, 0.9999991721032697, [2.29367522, 4.88256463, 20.59052694],
-         [5.46279690e-08, 0.170504159, 0.170504213]),
-    ],
-)  # fmt: skip
-def test_no_flip_is_degenerate_where_an_impact_loses_its_speed(m, omega, R, phases, speeds):
-    """Undamped, near R = 1 and omega = m, where the multiplier has lost its digits."""
-    osc = Oscillator(h=0.0, R=R, omega=omega, f=1.0)
-    start = PeriodicOrbit(osc, m, np.array(phases), np.array(speeds), "flip")
-    ranges = ("omega", omega * 0.6, omega * 1.5), ("R", 0.3, 1.0)
+def test_no_flip_is_degenerate_where_an_impact_loses_its_speed():
+    """Undamped, near R = 1 and omega = 3, where the multiplier has lost its digits."""
+    osc = Oscillator(h=0.0, R=0.999996834563512, omega=2.999999073414122, f=1.0)
+    phases, speeds = (1.74559681, 8.55197921, 11.17037833), (0.29347925, 3.717e-07, 0.293478892)
+    start = PeriodicOrbit(osc, 3, np.array(phases), np.array(speeds), "flip")
+    ranges = ("omega", 1.8, 4.5), ("R", 0.3, 1.0)
     flips = bifurcation_curve(start, "flip", *ranges)
     again = bifurcation_curve(flips.orbit(len(flips.values) // 2), "flip", *ranges)
     for curve in (flips, again):

@@ -120,7 +120,7 @@ def test_the_last_impacts_are_kept_in_time_order():
         assert out["impacts_per_period"] == total / 5
 
 
-@pytest.mark.parametrize("phase", [0.0, 0.1, 1.0, math.pi / 2, 3.0, 6.0, 6.28])
+@pytest.mark.parametrize("phase", [0.0, 1.0, 6.28])
 def test_a_section_at_any_phase_is_the_closed_form(phase):
     """omega = 20, h = 0: the flight of ten periods is f (sin wt - w sin t) / (w^2 - 1)."""
     w = 20.0
@@ -134,7 +134,7 @@ def test_a_section_at_any_phase_is_the_closed_form(phase):
 
 
 @METHODS
-@pytest.mark.parametrize("k", [8, 16, 32, 48])
+@pytest.mark.parametrize("k", [16, 48])
 def test_a_section_on_a_grid_point_is_the_state_there(rule, integrator, k):
     """Phase 2 pi k / 64: the grid states of `simulate`, though the table of sines is another."""
     osc = Oscillator(h=0.1, R=0.7, omega=2.3, f=1.0)

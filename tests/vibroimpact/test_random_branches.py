@@ -2,7 +2,6 @@
 
 import math
 from dataclasses import replace
-from itertools import islice
 
 import mpmath as mp
 import numpy as np
@@ -10,78 +9,10 @@ import pytest
 
 from tests.helpers.kernel_cases import few_or_many
 from tests.helpers.naive import ClosedForm
-from tests.helpers.oscillators import (
-    SectionMap,
-    fold_of_one_impact,
-    in_digits,
-    random_oscillators,
-    settled_orbit,
-)
+from tests.helpers.oscillators import SectionMap, random_oscillators, settled_orbit
 from vibroimpact.orbits.branches import branch
 from vibroimpact.orbits.one_impact import one_impact_orbit, one_impact_orbits
 from vibroimpact.oscillator import Oscillator
-
-EPS = 2.0**-52
-
-
-def condition(parameters, n):
-    """Return the shift of the fold, in roundings, if each datum changes by one (h by one of p)."""
-    step, (sigma, _) = mp.mpf(10) ** -18, fold_of_one_impact(parameters, n)
-    total = mp.mpf(0)
-    for name in ("h", "R", "omega", "f", "p"):
-        unit = parameters["p" if name == "h" else name]
-        moved = parameters | {name: parameters[name] + step * unit}
-        total += abs(fold_of_one_impact(moved, n)[0] / sigma - 1) / step
-    return float(total)
-
-
-def random_folds(seed):
-    """Yield oscillators just beside a fold of admissible n/1 orbits, and n."""
-    rng = np.random.default_rng(seed)
-    while True:
-        p = rng.uniform(0.5, 2.0)
-        h = p * float(rng.choice([0.0, 1.0, rng.uniform(0.0, 0.5), rng.uniform(0.5, 2.0)]))
-        osc = Oscillator(h, rng.uniform(), p * rng.uniform(0.5, 6.0), 1.0, p)
-        n = int(rng.integers(1, 4))
-        osc = replace(osc, clearance=0.9999 * float(fold_of_one_impact(in_digits(osc), n)[0]))
-        orbits = one_impact_orbits(osc, n)
-        if len(orbits) == 2 and all(orbit.exists for orbit in orbits):
-            yield osc, n
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("axis", "count"),
-    [("clearance", 20), ("h", 6), ("R", 6), ("omega", 6), ("f", 6), ("p", 6)],
-)
-def test_random_folds_are_at_their_closed_form(axis, count):
-    """As many as the closed form has on the branch; undamped, critical and over-damped too.
-
-    Beside a fold the state has half the digits of the distance, but the parameter there has all: it
-    is a smooth function of the others, found to a few roundings times its condition number.
-    """
-    cases, located = (case for case in random_folds(seed=5) if getattr(case[0], axis)), 0
-    with mp.workdps(40):
-        for osc, n in islice(cases, count):
-            value = getattr(osc, axis)
-            ends = sorted((0.998 * value, min(1.002 * value, 1.0 if axis == "R" else math.inf)))
-            start = one_impact_orbit(osc, n)
-            assert (start.m, start.q) == (n, 1)
-            folds = [point for point in branch(start, axis, *ends).special if point.kind == "fold"]
-            assert len(folds) == sum(
-                at_end.clearance / fold_of_one_impact(in_digits(at_end), n)[0] > 1
-                for at_end in (replace(osc, **{axis: end}) for end in ends)
-            )
-            values = [point.value for point in folds]
-            speeds = [float(point.orbit.speeds[0]) for point in folds]
-            for value, speed in zip(values, speeds, strict=True):
-                at_fold = replace(osc, **{axis: value})
-                sigma, v = fold_of_one_impact(in_digits(at_fold), n)
-                rounding = EPS * (1.0 + condition(in_digits(at_fold), n))
-                assert abs(at_fold.clearance / sigma - 1) < 32.0 * rounding
-                assert abs(speed / v - 1) < 100.0 * rounding
-            located += len(folds)
-    assert located > count // 2
 
 
 def exact(point, axis):
@@ -114,12 +45,12 @@ def test_an_undamped_branch_loses_its_speed_where_every_vibration_repeats(osc, n
 
 @few_or_many("count", 8, 500)
 @pytest.mark.parametrize("shaken", [False, True])
-def test_random_flips_and_grazes_are_those_of_the_section_map(count, shaken):
+def test_random_bifurcations_are_those_of_the_section_map(count, shaken):
     """To 1e-13, any damping but the critical; and a branch is stable where the closed form is.
 
     The force is f, or half or all of it comes from a base, along omega or its amplitude.
     """
-    compared = {"flip": 0, "graze": 0}
+    compared = {"flip": 0, "fold": 0, "graze": 0}
     rng = np.random.default_rng(4)
     for osc, n in random_oscillators(60 * count, seed=31, clearance=0.5):
         if sum(compared.values()) >= count:
@@ -144,7 +75,7 @@ def test_random_flips_and_grazes_are_those_of_the_section_map(count, shaken):
             nearest = min(orbits, key=lambda orbit: abs(orbit.v - found.speeds[i, 0]))
             assert nearest.v == pytest.approx(found.speeds[i, 0], rel=1e-9)
             assert nearest.stable == found.stable[i]
-    assert sum(compared.values()) >= count and min(compared.values()) > count // 4
+    assert sum(compared.values()) >= count and min(compared.values()) > count // 6
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,7 @@ import pytest
 
 from tests.helpers.kernel_cases import METHODS, one, random_points
 from vibroimpact import Oscillator, Status, integrate, simulate
-from vibroimpact.kernel.integrate import Length, _record, run_points
+from vibroimpact.kernel.integrate import Length, run_points
 from vibroimpact.oscillator import POINT
 from vibroimpact.status import Evidence
 from vibroimpact.step.scheme import default_steps, scheme_of
@@ -171,16 +171,6 @@ def test_a_record_of_one_period_that_ends_where_it_began_has_a_class():
     returned = (again["poincare_x"][:, -1] == x) & (again["poincare_v"][:, -1] == v)
     assert returned.sum() > 10
     np.testing.assert_array_equal(classes_of(points[returned], 0, 1)["m"], 1)
-
-
-def test_a_record_holds_nothing_of_the_point_before():
-    points, none = mixed_points(300, 9), np.zeros(1, np.int64)
-    how = scheme_of(points, "exact", "exact", None), Length(30, 20, 4), False, 1, none, False
-    both = [points], np.split(points, 6)
-    sums = [np.concatenate([_record(part, *how).sums for part in parts]) for parts in both]
-    assert (sums[0]["rested"] > 0.0).any() and (sums[0]["cycle"] == 0).any()
-    for name in sums[0].dtype.names:
-        np.testing.assert_array_equal(sums[1][name], sums[0][name], err_msg=name)
 
 
 def test_chaos_does_not_come_back():

@@ -108,8 +108,7 @@ def test_a_curve_is_the_same_from_each_of_its_orbits(case):
         away = np.array([np.abs((other - value) / spans).max() for other in found])
         assert away.min() < 1e-6
     last = len(whole.values) - 2
-    numbers = sorted({1, 10, last // 3, last})
-    assert_same_from_its_orbits(kind, whole, (first, second), numbers)
+    assert_same_from_its_orbits(kind, whole, (first, second), (1, last // 3, last))
     swapped = bifurcation_curve(start, kind, second, first)
     assert sorted(p.kind for p in swapped.special) == sorted(p.kind for p in whole.special)
     if case in (CUSP, FLIPS):
@@ -173,7 +172,7 @@ def test_a_curve_is_the_same_on_both_sides_of_where_another_passes_or_crosses_it
     at the edge R = 1.
     """
     whole, ranges = random_curve(seed)
-    numbers = np.linspace(1, len(whole.values) - 2, 4).astype(int).tolist()
+    numbers = np.linspace(1, len(whole.values) - 2, 3).astype(int).tolist()
     assert_same_from_its_orbits(whole.kind, whole, ranges, numbers)
 
 
@@ -200,7 +199,7 @@ def test_undamped_curves_end_where_a_vibration_touches_the_stop_without_accelera
             assert last.kind == kind
 
 
-@pytest.mark.parametrize("widest", [20.0, 80.0, 1000.0])
+@pytest.mark.parametrize("widest", [20.0, 1000.0])
 def test_speeds_without_bound_end_a_curve_at_the_resonance_over_ranges_of_any_width(widest):
     """At h = 0, R = 1 and omega = 5 p every natural vibration repeats after 5 periods."""
     whole, _ = random_curve(50488)
@@ -225,7 +224,7 @@ def test_undamped_grazes_meet_no_flips_and_folds_where_every_vibration_repeats()
 
 
 @few_or_many(("first", "count"), (0, 6), (1000, 300))
-def test_random_curves_are_the_same_from_ten_of_their_orbits(first, count):
+def test_random_curves_are_the_same_from_five_of_their_orbits(first, count):
     seen, seed = 0, first
     while seen < count:
         found, seed = random_curve(seed), seed + 1
@@ -235,7 +234,7 @@ def test_random_curves_are_the_same_from_ten_of_their_orbits(first, count):
         if "lost" in {point.kind for point in whole.special}:  # after 2,000 points
             continue
         seen += 1
-        numbers = np.linspace(1, len(whole.values) - 2, 10).astype(int).tolist()
+        numbers = np.linspace(1, len(whole.values) - 2, 5).astype(int).tolist()
         assert_same_from_its_orbits(whole.kind, whole, ranges, numbers)
         if whole.kind != "graze":
             known = {"flip": -1.0, "fold": 1.0}[whole.kind]

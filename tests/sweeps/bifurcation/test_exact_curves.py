@@ -39,8 +39,13 @@ def assert_on_closed_form(omega, R, tolerance):
     assert np.abs(curve - 1.0).max() < tolerance
 
 
-def test_the_flips_of_the_map_are_on_the_closed_form(path):
-    found = curves(path)
+@pytest.fixture(scope="module")
+def found(path):
+    """Return all curves of the map."""
+    return curves(path)
+
+
+def test_the_flips_of_the_map_are_on_the_closed_form(path, found):
     assert found.attrs["changes"] > 5
     assert found.attrs["explained"] == found.attrs["changes"]
     flips = found.where((found["kind"] == "flip") & (found["m"] == 1), drop=True)
@@ -65,19 +70,19 @@ def test_cells_without_a_class_between_two_motions_do_not_hide_their_flip(datase
     assert len({*found["curve"].values[flips]}) == 1
 
 
-def test_chosen_classes_have_all_their_curves(path):
-    plain, chosen = curves(path), curves(path, classes=[(2, 2), (5, 1)])
-    own = (plain["m"] == 2) & (plain["q"] == 2)
+def test_chosen_classes_have_all_their_curves(path, found):
+    chosen = curves(path, classes=[(2, 2), (5, 1)])
+    own = (found["m"] == 2) & (found["q"] == 2)
     assert 0 < own.sum() < own.size
     for name in ("kind", "special", "omega"):
-        assert chosen[name].values.tolist() == plain[name].values[own].tolist()
-    assert 0 < chosen.attrs["changes"] < plain.attrs["changes"]
+        assert chosen[name].values.tolist() == found[name].values[own].tolist()
+    assert 0 < chosen.attrs["changes"] < found.attrs["changes"]
     lines = chosen.attrs["summary"].split("\n")
     assert lines[1] == "no curve of 5/1 is found"
     assert " changes from or to 2/2, 5/1 (" in lines[2]
 
 
-def test_only_the_curves_that_are_asked_for_are_followed(path, monkeypatch):
+def test_only_the_curves_that_are_asked_for_are_followed(path, found, monkeypatch):
     """And the changes beside other curves have that as their reason."""
     followed, follow = [], exact_curves.bifurcation_curve
 
@@ -87,13 +92,13 @@ def test_only_the_curves_that_are_asked_for_are_followed(path, monkeypatch):
         return curve
 
     monkeypatch.setattr(exact_curves, "bifurcation_curve", counted)
-    curves(path)
-    every, followed[:] = list(followed), []
-    found = curves(path, classes=[(2, 2)], kinds=["flip"])
-    assert {("flip", 1, 1), ("flip", 2, 2)} <= set(every)
-    assert set(followed) == {("flip", 2, 2)} and len(followed) == every.count(("flip", 2, 2))
-    assert 0 < found.attrs["explained"] < found.attrs["changes"]
-    assert "the curve there is of a class or kind that was not asked for" in found.attrs["summary"]
+    asked = curves(path, classes=[(2, 2)], kinds=["flip"])
+    of_curves = found.isel(point=np.unique(found["curve"].values, return_index=True)[1])
+    every = of_curves[["kind", "m", "q"]].to_dataframe()[["kind", "m", "q"]].values.tolist()
+    assert ["flip", 1, 1] in every
+    assert set(followed) == {("flip", 2, 2)} and len(followed) == every.count(["flip", 2, 2])
+    assert 0 < asked.attrs["explained"] < asked.attrs["changes"]
+    assert "the curve there is of a class or kind that was not asked for" in asked.attrs["summary"]
 
 
 def test_a_motion_ends_at_the_fold_of_its_orbit_not_at_the_graze_beyond(tmp_path):
@@ -190,29 +195,29 @@ def strong_lines(figure):
 
 def test_curves_that_bound_a_motion_of_the_map_stand_out(dataset, monkeypatch):
     """The flip of 1/1 between 1/1 and 2/2, on its closed form; elsewhere it is thin."""
-    found = curves(dataset, classes=[(1, 1)])
-    figure = parameter_map(dataset, exact=found)
+    own = curves(dataset, classes=[(1, 1)])
+    figure = parameter_map(dataset, exact=own)
     (line,) = strong_lines(figure)
     omega, R = line.get_data()
     assert np.ptp(R) > 0.35
     assert_on_closed_form(omega, R, 1e-4)
     elsewhere = dataset.copy()
     elsewhere["period"] = 0 * dataset["period"] + 3  # another motion all over the map
-    thin = parameter_map(elsewhere, exact=found)
-    upright = parameter_map(dataset, axes=["R", "omega"], exact=found)
+    thin = parameter_map(elsewhere, exact=own)
+    upright = parameter_map(dataset, axes=["R", "omega"], exact=own)
     assert (strong_lines(upright)[0].get_data()[::-1] == np.array([omega, R])).all()
     middle = len(omega) // 2
     for share in (1e-2, 1e-4):  # of the axes: less than the distance of two points
         away = [share * np.ptp(z) for z in (omega, R)]
         ends = [(z[middle] - d, z[middle] + d) for z, d in zip((omega, R), away, strict=True)]
         page = Page(xlim=ends[0], ylim=ends[1])
-        (part,) = strong_lines(parameter_map(dataset, exact=found, page=page))
+        (part,) = strong_lines(parameter_map(dataset, exact=own, page=page))
         assert (part.get_data() == np.array([omega, R])).all()
     assert not strong_lines(thin) and thin.axes[0].lines
     assert "1 further curve" in legend_texts(thin)
     monkeypatch.setattr("sweeps.plotting.exact_lines._CURVES_IN_FULL", 0)
-    assert len(strong_lines(parameter_map(dataset, exact=found))) == 1
-    left_out = parameter_map(elsewhere, exact=found)
+    assert len(strong_lines(parameter_map(dataset, exact=own))) == 1
+    left_out = parameter_map(elsewhere, exact=own)
     assert not left_out.axes[0].lines and "1 further curve not shown" in legend_texts(left_out)
 
 
