@@ -179,8 +179,12 @@ def test_a_thin_tongue_is_found_or_the_knock_is_called_fractal(tmp_path, all_kno
         assert np.abs(run["poincare_v"] - v).max() < 1e-6
 
 
-def test_no_knock_to_the_side_of_an_orbit_that_has_just_flipped_is_harmful(computed_starts):
+def test_no_knock_to_the_side_of_an_orbit_that_has_just_flipped_is_harmful(
+    computed_starts, monkeypatch
+):
     """Beside 1/1 a motion needs some 100,000 periods to reach 2/2, which is not 1 % away."""
+    monkeypatch.setattr("sweeps.attractor.knocks._MOMENTS", 4)
+    monkeypatch.setattr("sweeps.attractor.knocks._SIZES", 16)
     osc = Oscillator(h=0.05, R=0.8, omega=2.658884546684836 + 1e-5, f=1.0)  # beyond the flip
     starts = computed_starts(
         f"oscillator={{h: 0.05, R: 0.8, omega: {osc.omega!r}, f: 1.0}}",
@@ -199,7 +203,7 @@ def test_no_knock_to_the_side_of_an_orbit_that_has_just_flipped_is_harmful(compu
     assert np.abs(run["poincare_x"][..., None] - sections[:, 0]).min(axis=2).max() < 1e-9
 
 
-def test_a_boundary_that_rounding_decides_is_fractal(dataset, all_knocks, monkeypatch):
+def test_a_boundary_that_rounding_decides_is_fractal(dataset, monkeypatch):
     """Beyond a change of velocity by 0.3, every trial ends on an unpredictable attractor."""
     chance = np.random.default_rng(0)
 
