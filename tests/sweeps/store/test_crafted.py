@@ -143,18 +143,16 @@ FORMS = {
     "without scales": without_scales, "another shape": another_shape,
     "texts": typed("chatters", "S4"),
     **{f"{name} of {dtype}": typed(name, dtype) for name, dtype in (
-        ("poincare_x", "f2"), ("impact_v", "f4"), ("orbit_x", "i4"), ("period", "i1"),
-        ("period_impacts", "?"), ("status", "?"))},
-    **{f"without {name}": without(name) for name in
-       ("poincare_x", "trajectory_t", "impacts_per_period", "period", "x_max")},
+        ("poincare_x", "f2"), ("orbit_x", "i4"), ("period", "i1"), ("status", "?"))},
+    **{f"without {name}": without(name) for name in ("poincare_x", "trajectory_t", "x_max")},
     "renamed": lambda file: file.move("omega", "frequency"),
     **{f"{name} = {value}": parameter(name, value) for name, values in {
         "omega": (np.nan, 0.0, 2.0), "h": (np.inf, -0.1), "R": (2.0,), "section": (-1,),
         "impact": (7,),
     }.items() for value in values},
     **{f"{name} {i}": attribute(name, value) for name, values in {
-        "computation": ("", "!!python/name:os.system x", "[1]", "- a", "{", "fixed", ALIASES, None),
-        "configuration": (7, None), "coordinates": ("a/b", None, 7, "x" * 70, ""),
+        "computation": ("", "!!python/name:os.system x", "[1]", "{", "fixed", ALIASES, None),
+        "configuration": (7, None), "coordinates": ("a/b", None, 7, ""),
         "duration": ("long", None), "numerics": (None,),
     }.items() for i, value in enumerate(values)},
 }  # fmt: skip
@@ -190,48 +188,42 @@ def changed(path, change):
         _add_table(file, variables)
 
 
-@pytest.mark.parametrize(
-    ("name", "values"),
-    {
-        "period": (-1, 4097, 2**63 - 1),
-        "period_impacts": (-1, 1_000_001, 2**63 - 1),
-        "orbit_x": (np.nan,),
-        "orbit_v": (np.inf,),
-    }.items(),
-)
-def test_a_motion_that_cannot_be_is_refused(name, values):
+def test_a_motion_that_cannot_be_is_refused():
     """Instead of a traceback, or a demand for all memory."""
+    wrong = {"period": (-1, 4097), "period_impacts": (-1, 1_000_001, 2**63 - 1)}
+    wrong |= {"orbit_x": (np.nan,), "orbit_v": (np.inf,)}
     text = SMALL.replace("impacts: 2}", "impacts: 2, diagnostics: [period]}")
     Path("sweep.yaml").write_text(text.replace("transient: 3", "transient: 300"))
     accepted("run", "sweep.yaml", "--quiet")
-    picture = ["plot", "small.h5", "-o", "a.png", "--kind"]
-    for value in values:
+    right = Path("small.h5").read_bytes()
+    for name, value in ((name, value) for name, values in wrong.items() for value in values):
+        Path("small.h5").write_bytes(right)
         changed(Path("small.h5"), parameter(name, value))
-        for words in (["attractors", "small.h5"], [*picture, "attractors"]):
-            message = refused(*words)
+        for words in (["attractors"], ["plot", "-o", "a.png", "--kind", "attractors"]):
+            message = refused(*words, "small.h5")
             assert "no motion of this program" in message and message.count("\n") == 1
 
 
-@pytest.mark.parametrize(
-    ("name", "value"), [("omega", 1e300), ("trajectory_t", -1e300), ("trajectory_t", 1e300)]
-)
-def test_a_trajectory_beyond_its_periods_is_refused(name, value):
+def test_a_trajectory_beyond_its_periods_is_refused():
     """Instead of a demand for all memory: samples are drawn in every forcing period."""
     text = "oscillator: {h: 0.1, R: 0.8, omega: 2.5, f: [1.0, 2.0]}\n"
     Path("sweep.yaml").write_text(text + "record: {periods: 2, trajectory: {every: 9}}\n")
     accepted("run", "sweep.yaml", "--quiet")
+    right = Path("sweep.h5").read_bytes()
+    for name, value in (("omega", 1e300), ("trajectory_t", -1e300), ("trajectory_t", 1e300)):
 
-    def change(file):
-        file[name][(..., -1) if name != "omega" else ()] = value
+        def change(file, name=name, value=value):
+            file[name][(..., -1) if name != "omega" else ()] = value
 
-    changed(Path("sweep.h5"), change)
-    message = refused("plot", "sweep.h5", "-o", "a.png", "--kind", "trajectory")
-    assert "times out of order or beyond its 2 forcing periods: run the sweep again" in message
+        Path("sweep.h5").write_bytes(right)
+        changed(Path("sweep.h5"), change)
+        message = refused("plot", "sweep.h5", "-o", "a.png", "--kind", "trajectory")
+        assert "times out of order or beyond its 2 forcing periods: run the sweep again" in message
 
 
 def test_aliases_and_tags_in_the_configuration_of_a_file_are_refused(finished_file):
     """Each level of aliases would make it ten times as large."""
-    for text in (ALIASES, "name: !!python/name:os.system x\n", "", "- 1\n", "[" * 100_000):
+    for text in (ALIASES, "name: !!python/name:os.system x\n", "- 1\n"):
         shutil.copy(finished_file, "out.h5")
         changed(Path("out.h5"), attribute("configuration", text))
         resumed = ["run", "sweep.yaml", "-o", "out.h5", "--resume", "--quiet"]
@@ -300,19 +292,20 @@ def test_a_block_of_another_form_or_damaged_counts_as_not_computed():
     fill_blocks("out.h5", 2)
     for name, content in damaged_blocks(BLOCK.read_bytes()):
         BLOCK.write_bytes(content)
-        with open_sweep("out.h5") as dataset:
-            done = dataset.load()["status"].values[0] != Status.PENDING
-            assert done.tolist() == [True] * 2 + [False] * 4, name
-        with begun("out.h5", schema(), resume=True) as (store, pending):
-            assert store.damaged == 1 and len(pending) == 5, name
+        found = parts.Parts(BLOCK.parent)
+        assert found.damaged == 1 and [*found.entries] == [0], name
+    with open_sweep("out.h5") as dataset:
+        done = dataset.load()["status"].values[0] != Status.PENDING
+        assert done.tolist() == [True] * 2 + [False] * 4
+    with begun("out.h5", schema(), resume=True) as (store, pending):
+        assert store.damaged == 1 and len(pending) == 5
 
 
-@pytest.mark.parametrize("value", [np.nan, np.inf, -1.0])
-def test_a_table_with_a_parameter_out_of_its_range_is_refused(value):
+def test_a_table_with_a_parameter_out_of_its_range_is_refused():
     Path("table.csv").write_text("omega\n2.0\n2.5\n")
     Path("table.yaml").write_text("oscillator: {h: 0.1, R: 0.8, f: 1.0}\npoints: table.csv\n")
     accepted("run", "table.yaml", "--quiet")
-    changed(Path("table.h5"), parameter("omega", [2.0, value]))
+    changed(Path("table.h5"), parameter("omega", [2.0, -1.0]))
     with pytest.raises(StoreError, match="does not have the form of a sweep"):
         open_sweep("table.h5")
 

@@ -204,6 +204,9 @@ def test_files_that_are_not_ours_are_refused(tmp_path):
     for folder in (tmp_path, ".", "/", ""):
         with pytest.raises(StoreError, match="is a directory"):
             open_sweep(folder)
+    for name in ("/dev/zero", "a\0b", "x" * 300):
+        with pytest.raises(StoreError):
+            open_sweep(name)
     Path("out.h5").write_text("name: not HDF5\n")
     with pytest.raises(StoreError, match="is not an HDF5 file"):
         open_sweep("out.h5")

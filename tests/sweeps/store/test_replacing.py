@@ -77,16 +77,6 @@ def test_a_link_of_another_user_is_not_followed():
     assert Path("victim").read_text() == "precious" and Path("a").is_symlink()
 
 
-@pytest.mark.skipif(os.geteuid() != 0, reason="only root can give a folder away")
-@pytest.mark.parametrize("options", [{}, {"resume": True}, {"overwrite": True}])
-def test_the_folder_of_another_user_is_not_used_for_blocks(options):
-    Path("a.h5.parts").mkdir()
-    os.chown("a.h5.parts", 65534, 65534)
-    with pytest.raises(StoreError, match=r"a\.h5\.parts belongs to another user"):
-        fill_blocks("a.h5", **options)
-    assert os.listdir() == ["a.h5.parts"] and os.listdir("a.h5.parts") == []
-
-
 def fifo():
     os.mkfifo("a")
 

@@ -3,6 +3,7 @@
 import os
 import pickle
 from functools import partial
+from pathlib import Path
 
 import h5py
 import numpy as np
@@ -30,6 +31,8 @@ from tests.helpers.written_files import (
 from vibroimpact.oscillator import PARAMETERS
 from vibroimpact.status import Status
 
+OUT = Path("out.h5")
+
 
 def write_all(path, expected, *, grid=GRID, size=12, backwards=False, compressed=False):
     with begun(path, schema(grid, block_size=size)) as (store, pending):
@@ -43,7 +46,7 @@ def write_all(path, expected, *, grid=GRID, size=12, backwards=False, compressed
     ("size", "compressed", "each_alone", "boxes"),
     [(1, True, True, 12), (5, False, True, 4), (5, True, False, 2), (12, False, False, 1)],
 )
-def test_every_variable_comes_back(tmp_path, monkeypatch, size, compressed, each_alone, boxes):
+def test_every_variable_comes_back(monkeypatch, size, compressed, each_alone, boxes):
     """The blocks of a row are written together."""
     if each_alone:
         monkeypatch.setattr("sweeps.store.parts._JOINED", 0)
@@ -55,11 +58,10 @@ def test_every_variable_comes_back(tmp_path, monkeypatch, size, compressed, each
             yield piece
 
     monkeypatch.setattr(Parts, "pieces", noted)
-    path = tmp_path / "out.h5"
     expected = grid_results()
-    write_all(path, expected, size=size, backwards=size == 5, compressed=compressed)
+    write_all(OUT, expected, size=size, backwards=size == 5, compressed=compressed)
     assert written.count("status") == boxes
-    with open_sweep(path) as dataset:
+    with open_sweep(OUT) as dataset:
         assert set(dataset.data_vars) == set(VARIABLES)
         assert_holds(dataset, expected)
         for name, variable in VARIABLES.items():
@@ -68,18 +70,18 @@ def test_every_variable_comes_back(tmp_path, monkeypatch, size, compressed, each
             assert dataset[name].dtype == variable.dtype
             named = variable.unit in ("1", "rad")
             assert dataset[name].attrs.get("units") == (variable.unit if named else None)
-    with h5py.File(path) as file:
+    with h5py.File(OUT) as file:
         assert {file[name].compression for name in VARIABLES} == {"gzip" if compressed else None}
         assert all(file[name].fletcher32 for name in VARIABLES)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("followed", "size"), [("h", 7), ("R", 60), ("f", 7)])
-def test_blocks_of_many_shapes_and_large_records_come_back(tmp_path, followed, size):
+def test_blocks_of_many_shapes_and_large_records_come_back(followed, size):
     """Of followed chains, and of more than fits into a chunk of the file."""
     axes = {"h": np.arange(3.0), "R": np.linspace(0.0, 1.0, 4), "f": np.arange(5.0)}
     grid, widths = Grid(axes, {"omega": 1.0}), {"section": 12_007, "impact": 0, "sample": 0}
-    path, plan = tmp_path / "out.h5", schema(grid, widths=widths, diagnostics=())
+    path, plan = OUT, schema(grid, widths=widths, diagnostics=())
     object.__setattr__(plan, "blocks", tuple(grid.blocks(size, followed)))
     results = partial(block_results, widths=widths)
     fill_blocks(path, compressed=followed == "R", plan=plan, results=results)
@@ -94,10 +96,9 @@ def test_blocks_of_many_shapes_and_large_records_come_back(tmp_path, followed, s
 
 
 @pytest.mark.slow
-def test_xarray_opens_it_with_coordinates_and_attributes(tmp_path):
-    path = tmp_path / "out.h5"
-    write_all(path, grid_results())
-    with xr.open_dataset(path, engine="h5netcdf") as dataset, open_sweep(path) as ours:
+def test_xarray_opens_it_with_coordinates_and_attributes():
+    write_all(OUT, grid_results())
+    with xr.open_dataset(OUT, engine="h5netcdf") as dataset, open_sweep(OUT) as ours:
         xr.testing.assert_identical(dataset, ours.drop_vars(["a", "phase"]))  # not in the grid
         assert set(dataset.sizes) == {"R", "omega", "section", "impact", "sample", "exponent"}
         for name, values in GRID.axes.items():
@@ -126,17 +127,16 @@ def test_xarray_opens_it_with_coordinates_and_attributes(tmp_path):
 
 
 @pytest.mark.parametrize("compressed", [False, True])
-def test_a_single_point_has_no_axes(tmp_path, compressed):
-    path = tmp_path / "out.h5"
+def test_a_single_point_has_no_axes(compressed):
     grid = Grid({}, dict.fromkeys(PARAMETERS, 0.5))
     given = block_results((), 6)
-    with begun(path, schema(grid)) as (store, _):
-        with open_sweep(tmp_path / "out.h5") as dataset:
+    with begun(OUT, schema(grid)) as (store, _):
+        with open_sweep(OUT) as dataset:
             assert dataset["status"] == Status.PENDING and np.isnan(dataset["rest_fraction"])
             assert dataset["chatters"] == -1 and np.isnan(dataset["poincare_x"]).all()
         store.write((), given)
         store.finish(compressed=compressed)
-    with open_sweep(path) as dataset:
+    with open_sweep(OUT) as dataset:
         assert dataset["status"].shape == ()
         assert_holds(dataset, {name: array[0] for name, array in given.items()})
 
@@ -151,10 +151,10 @@ def test_a_single_point_has_no_axes(tmp_path, compressed):
         (DIAGNOSTICS, {"period", "period_impacts", "lyapunov", "x_min", "x_max"}),
     ],
 )
-def test_diagnostics_not_asked_for_are_left_out(tmp_path, diagnostics, expected):
+def test_diagnostics_not_asked_for_are_left_out(diagnostics, expected):
     held = record_widths(spec_of(diagnostics=diagnostics))
-    with begun(tmp_path / "out.h5", schema(diagnostics=diagnostics)):
-        with open_sweep(tmp_path / "out.h5") as dataset:
+    with begun(OUT, schema(diagnostics=diagnostics)):
+        with open_sweep(OUT) as dataset:
             assert set(dataset.data_vars) == set(held)
             of_diagnostics = {"period", "period_impacts", "lyapunov", "x_min", "x_max"}
             assert of_diagnostics & set(held) == expected
@@ -163,18 +163,17 @@ def test_diagnostics_not_asked_for_are_left_out(tmp_path, diagnostics, expected)
     assert needed == {None, "longest", *DIAGNOSTICS}
 
 
-def test_a_partial_sweep_says_what_is_pending(tmp_path):
-    path = tmp_path / "out.h5"
+def test_a_partial_sweep_says_what_is_pending():
     expected = grid_results()
     expected["status"][1, 2] = Status.NON_FINITE
-    with pytest.raises(KeyboardInterrupt), begun(path, schema()) as (store, pending):
+    with pytest.raises(KeyboardInterrupt), begun(OUT, schema()) as (store, pending):
         for block in pending[3:5]:
             store.write(block, part(expected, block))
         raise KeyboardInterrupt
-    assert not path.exists()
+    assert not OUT.exists()
     done = np.zeros((2, 6), bool)
     done[1, :4] = True
-    with open_sweep(path) as dataset:
+    with open_sweep(OUT) as dataset:
         counts = {Status.PENDING: 8, Status.COMPUTED: 3, Status.NON_FINITE: 1}
         assert status_counts(dataset) == dict.fromkeys(Status, 0) | counts
         assert_holds(dataset, expected, done)
@@ -184,10 +183,9 @@ def test_a_partial_sweep_says_what_is_pending(tmp_path):
 
 
 @pytest.mark.parametrize("blocks", [4, None])
-def test_a_sweep_is_read_lazily_and_by_any_index(tmp_path, blocks):
-    path = tmp_path / "out.h5"
-    fill_blocks(path, blocks)
-    with open_sweep(path) as loaded:
+def test_a_sweep_is_read_lazily_and_by_any_index(blocks):
+    fill_blocks(OUT, blocks)
+    with open_sweep(OUT) as loaded:
         loaded.load()
     choices = [
         {"R": 1}, {"R": [1, 0], "omega": slice(4, None, -2)}, {"omega": [5, 0, 3], "section": -1},
@@ -195,25 +193,24 @@ def test_a_sweep_is_read_lazily_and_by_any_index(tmp_path, blocks):
         {"omega": 2, "R": 0, "section": slice(3, 17, 5)}, {"R": -1, "omega": 0},
         {"R": 0, "section": [1, 3]}, {"omega": [3, 1], "section": 2},
     ]  # fmt: skip
-    with open_sweep(path) as dataset:
+    with open_sweep(OUT) as dataset:
         for choice in choices:
             found = dataset["poincare_x"].isel(choice)
             xr.testing.assert_identical(found.load(), loaded["poincare_x"].isel(choice))
             assert not dataset["poincare_x"].variable._in_memory
 
 
-def test_an_opened_file_is_sent_to_another_process_and_may_be_one_of_many(tmp_path):
-    path = tmp_path / "out.h5"
-    fill_blocks(path)
-    with open_sweep(path) as first, xr.set_options(file_cache_maxsize=1), open_sweep(path):
+def test_an_opened_file_is_sent_to_another_process_and_may_be_one_of_many():
+    fill_blocks(OUT)
+    with open_sweep(OUT) as first, xr.set_options(file_cache_maxsize=1), open_sweep(OUT):
         sent = pickle.loads(pickle.dumps(first))
         assert not first["impulse"].variable._in_memory
         xr.testing.assert_identical(sent.load(), first.load())
 
 
-def test_a_block_that_does_not_fit_is_not_written(tmp_path):
+def test_a_block_that_does_not_fit_is_not_written():
     block = (slice(0, 1), slice(0, 2))
-    with begun(tmp_path / "out.h5", schema()) as (store, _):
+    with begun(OUT, schema()) as (store, _):
         given = block_results(block)
         with pytest.raises(ValueError, match=r"size 18"):
             store.write(block, {**given, "impact_v": np.zeros((2, 9))})
@@ -221,18 +218,17 @@ def test_a_block_that_does_not_fit_is_not_written(tmp_path):
             store.write(block, {k: v for k, v in given.items() if k != "status"})
         with pytest.raises(ValueError, match="not in"):
             store.write((slice(0, 1), slice(0, 5)), given)
-        assert os.listdir(tmp_path / "out.h5.parts") == ["schema.h5"]
+        assert os.listdir(f"{OUT}.parts") == ["schema.h5"]
 
 
 @pytest.mark.parametrize("blocks", [1, None], ids=["incomplete", "complete"])
-def test_a_file_from_before_a_parameter_was_added_has_its_default(tmp_path, blocks):
+def test_a_file_from_before_a_parameter_was_added_has_its_default(blocks):
     """As a coordinate of the points, with its meaning and its unit in the sweep."""
     assert "a" not in GRID.fixed
-    path = tmp_path / "out.h5"
     plan = schema()
     plan.attributes["length_unit"] = "mm"
-    fill_blocks(path, blocks, plan=plan)
-    with open_sweep(path) as dataset:
+    fill_blocks(OUT, blocks, plan=plan)
+    with open_sweep(OUT) as dataset:
         assert dataset["a"].item() == 0.0 and dataset["h"].item() == 0.1
         assert dataset["a"].attrs == {
             "long_name": PARAMETERS["a"].meaning, "units": "mm", "symbol": "a",
