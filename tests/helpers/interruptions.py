@@ -1,4 +1,4 @@
-"""Runs ended by a signal at random moments and in chosen system calls, and checks of the files.
+"""Runs ended by a signal at random moments, and checks of the files.
 
 The runs are forks of a process that has imported everything and loaded the kernel: they start at
 once, and end like any Python process.
@@ -46,11 +46,6 @@ MOMENTS = ("start", "creation", "block", "end")
 LATEST = 0.05
 #: Signals that end a run with exit code 1; a kill does not.
 ANSWERED = tuple(SIGNALS)
-#: System calls of a run, for files, memory and threads.
-CALLS = (
-    "openat", "write", "read", "pread64", "ftruncate", "fsync", "rename", "unlink", "flock",
-    "close", "lseek", "futex", "mmap", "munmap", "newfstatat",
-)  # fmt: skip
 #: Longest time for a run to reach a moment or to react to a signal on a busy machine [s].
 PATIENCE = 300.0
 
@@ -71,8 +66,6 @@ for line in sys.stdin:
             os.dup2(os.open(name, os.O_WRONLY | os.O_CREAT | os.O_TRUNC), stream)
         os.chdir(request["folder"])
         sys.argv = ["vibroimpact", *request["arguments"]]
-        if request["stopped"]:
-            os.kill(os.getpid(), signal.SIGSTOP)
         main()
     print(pid, flush=True)
     print(os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1]), flush=True)
@@ -114,6 +107,7 @@ class Forks:
     def __init__(self, root: Path) -> None:
         self.folder = root / "runs"
         self.folder.mkdir()
+        (self.folder / "sweep.yaml").write_text(SWEEP)
         self._streams = [str(root / name) for name in ("stdout.txt", "stderr.txt")]
         how = {"env": environment(), "text": True, "preexec_fn": hear}
         how |= {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE}
@@ -127,10 +121,10 @@ class Forks:
         self._process.wait(PATIENCE)
         self._process.stdout.close()
 
-    def start(self, *arguments: str, folder: Path | None = None, stopped: bool = False) -> int:
+    def start(self, *arguments: str, folder: Path | None = None) -> int:
         """Start a command; return its process id."""
         request = {"folder": str(folder or self.folder), "streams": self._streams}
-        request |= {"arguments": arguments, "stopped": stopped}
+        request["arguments"] = arguments
         self._process.stdin.write(json.dumps(request) + "\n")
         self._process.stdin.flush()
         self._pid = int(self._process.stdout.readline())
@@ -157,8 +151,10 @@ class Forks:
         return self.ended()
 
     def whole(self, changes: list[str]) -> Path:
-        """Return the file of a run that no signal ended."""
-        return self.folder / f"whole-{KINDS.index(changes)}.h5"
+        """Return the file of a run that no signal ended, which is made once."""
+        path = self.folder / f"whole-{KINDS.index(changes)}.h5"
+        assert path.exists() or self.run(*command(changes, path.name)) == (0, "")
+        return path
 
 
 def share_written(path: Path) -> float:
@@ -207,26 +203,6 @@ def signalled(
     finish(forks, changes)
 
 
-def at_call(forks: Forks, number: int, draw: random.Random) -> None:
-    """Send a signal to a run in one of its system calls; check its end and its files."""
-    folder, changes = forks.emptied(), draw.choice(KINDS)
-    call, which = draw.choice(CALLS), draw.choice((1, 2, 3, 5, 8, 13, 21, 34, 55, 89))
-    pid = forks.start(*command(changes), stopped=True)
-    state = Path(f"/proc/{pid}/status")
-    wait_until(lambda: re.search(r"^State:\tT", state.read_text(), re.M), "a run that is stopped")
-    inject = f"inject={call}:signal={number}:when={which}"
-    options = ["-f", "-o", "trace.txt", "-e", f"trace={call}", "-e", inject]
-    trace = [shutil.which("strace"), *options, "-p", str(pid)]
-    tracer = subprocess.Popen(trace, cwd=folder, stderr=subprocess.PIPE, text=True)
-    assert "attached" in tracer.stderr.readline()
-    os.kill(pid, signal.SIGCONT)
-    code, text = forks.ended()
-    tracer.communicate(timeout=PATIENCE)
-    (folder / "trace.txt").unlink()
-    check_end(forks, number, code, text, changes)
-    finish(forks, changes)
-
-
 def check_end(forks: Forks, number: int, code: int, text: str, changes: list[str]) -> None:
     """Check the outcome of an interrupted run, and what can be read of it."""
     about = f"signal {number}, {changes}, exit code {code}:\n{text}"
@@ -255,10 +231,3 @@ def finish(forks: Forks, changes: list[str]) -> None:
     assert forks.run(*command(changes), "--resume") == (0, "")
     assert data(out).identical(data(forks.whole(changes)))
     out.unlink()
-
-
-def prepare(forks: Forks) -> None:
-    """Write the configuration, and for each kind the file of a run that no signal ended."""
-    (forks.folder / "sweep.yaml").write_text(SWEEP)
-    for changes in KINDS:
-        assert forks.run(*command(changes, forks.whole(changes).name)) == (0, "")

@@ -63,12 +63,9 @@ def on_write(monkeypatch, number, action):
 @pytest.mark.parametrize(
     "overrides",
     [
-        ["record.diagnostics=[period, lyapunov]", "oscillator.R=[0.5, 0.8]"],
-        ["record.trajectory={every: 10}", "compression=gzip"],
         ["oscillator.f=[1, 2, 3]"],  # scaled along f
-        ["oscillator.omega=2.5"],  # a single point
         ["oscillator={h: 0.05, f: 1.0}", "points={R: [0.8, 0.5, 0.7], omega: [2.4, 3.1, 2.6]}"],
-        ["follow={axis: omega, direction: both}", "oscillator.R=[0.5, 0.8]"],
+        ["follow={axis: omega, direction: both}", "record.trajectory={every: 10}"],
     ],
 )
 def test_a_cluster_computes_the_same_bits(client, overrides):
@@ -79,20 +76,16 @@ def test_a_cluster_computes_the_same_bits(client, overrides):
 
 @pytest.mark.parametrize("begins_here", [True, False])
 def test_a_cluster_ends_what_one_machine_began(client, stop_after, begins_here):
+    """Or the other way round; an interrupt takes the tasks off the cluster."""
     first, second = (None, client) if begins_here else (client, None)
     with stop_after(4, size=20), pytest.raises(KeyboardInterrupt):
         run_sweep(load(CONFIG), "out.h5", client=first)
+    held = client.processing, client.has_what
+    wait_until(lambda: not any(any(tasks().values()) for tasks in held), "workers without tasks")
     with open_sweep("out.h5") as dataset:
         assert 0 < (dataset["status"] != Status.PENDING).sum() < 300
     run_sweep(load(CONFIG), "out.h5", client=second, resume=True)
     assert_same_bits("out.h5")
-
-
-def test_an_interrupt_takes_the_tasks_off_the_cluster(client, stop_after):
-    with stop_after(2, size=20), pytest.raises(KeyboardInterrupt):
-        run_sweep(load(CONFIG), "out.h5", client=client)
-    held = client.processing, client.has_what
-    wait_until(lambda: not any(any(tasks().values()) for tasks in held), "workers without tasks")
 
 
 def test_a_long_axis_travels_without_a_warning(client):
@@ -260,7 +253,7 @@ def test_no_more_is_handed_out_than_the_workers_need(client):
     handed = []
 
     def blocks():
-        for number in range(60):
+        for number in range(30):
             handed.append(number)
             yield (slice(number, number + 1),)
 
@@ -269,7 +262,7 @@ def test_no_more_is_handed_out_than_the_workers_need(client):
         np.testing.assert_equal(results, compute_block(sweep, block, 1))
         taken += 1
         assert len(handed) <= taken + 3 * WORKERS + 2  # what is out, and two on this side
-    assert taken == 60
+    assert taken == 30
 
 
 def test_a_block_is_worth_sending(client):

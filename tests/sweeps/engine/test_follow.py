@@ -108,15 +108,6 @@ def test_one_direction_has_no_dimension_and_is_that_of_both(dataset, way):
     xr.testing.assert_identical(one, both.assign_attrs(one.attrs))
 
 
-def test_the_first_point_of_a_chain_starts_as_every_point(dataset):
-    alone = run_and_read(configured("follow=null"))
-    for way, first in (("up", 0.6), ("down", 2.7)):
-        chain = dataset.sel(direction=way, omega=first, drop=True)
-        xr.testing.assert_equal(chain, alone.sel(omega=first, drop=True))
-        later = dataset["poincare_x"].sel(direction=way, omega=2.4)
-        assert (later != alone["poincare_x"].sel(omega=2.4)).any()
-
-
 def test_a_start_that_is_swept_starts_chains_of_its_own():
     record = "record.trajectory=false"
     both = run_and_read(configured("start.x0=[-1, -0.2]", record))["poincare_x"]
@@ -140,24 +131,6 @@ def test_a_stop_that_moves_past_the_mass_takes_it_along():
         x, v = (here[name].dropna("sample") for name in ("trajectory_x", "trajectory_v"))
         assert (x == clearance).all() and (v == 0.0).all()
         assert here["rest_fraction"] == 1.0 and here["max_penetration"] == 0.0
-
-
-# Unstable at p = 12 and 15, where the state overflows.
-UNSTABLE = (
-    "oscillator={h: 0.5, R: 0.8, omega: 1, f: 1, p: [1, 1.5, 12, 1.2, 15]}",
-    "method={integrator: euler, impact: plain, steps_per_period: 40, allow_unstable: true}",
-    "record={transient: 0, periods: 500}",
-)
-
-
-def test_after_a_failure_a_chain_begins_anew():
-    config = configured(*UNSTABLE, "follow={axis: p, direction: down}")
-    followed = run_and_read(config)
-    alone = run_and_read(configured(*UNSTABLE, "follow=null"))
-    assert (followed["status"].sel(p=[15.0, 12.0]) == Status.NON_FINITE).all()
-    assert np.isfinite(followed["poincare_x"].sel(p=[1.5, 1.2, 1.0])).all()
-    xr.testing.assert_equal(followed.sel(p=[15.0, 12.0, 1.5]), alone.sel(p=[15.0, 12.0, 1.5]))
-    assert not followed.sel(p=1.2).equals(alone.sel(p=1.2))
 
 
 @pytest.mark.parametrize("status", [Status.UNRESOLVED, Status.NON_FINITE, Status.COMPUTED])
@@ -206,19 +179,12 @@ def test_only_the_chain_that_failed_begins_anew(status):
         ("{axis: [omega]}", r"line 2: follow\.axis = \[omega\] is not allowed"),
     ],
 )  # fmt: skip
-def test_bad_input(tmp_path, follow, message):
-    path = tmp_path / "sweep.yaml"
+def test_bad_input(follow, message):
     lines = "oscillator: {h: 0.1, R: [0.8, 0.7], omega: {start: 1, stop: 2, num: 5}, f: [1]}\n"
-    path.write_text(f"{lines}follow: {follow}\n")
     with pytest.raises(ConfigError, match=message):
-        load_config(path)
-
-
-def test_a_single_point_cannot_be_followed(tmp_path):
-    path = tmp_path / "sweep.yaml"
-    path.write_text("oscillator: {h: 0.1, R: 0.8, omega: 1, f: 1}\nfollow: {axis: omega}\n")
+        load(f"{lines}follow: {follow}\n")
     with pytest.raises(ConfigError, match="expected: an axis that is swept"):
-        load_config(path)
+        load("oscillator: {h: 0.1, R: 0.8, omega: 1, f: 1}\nfollow: {axis: omega}\n")
 
 
 @pytest.fixture(scope="module")

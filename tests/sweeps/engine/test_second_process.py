@@ -181,13 +181,14 @@ PARENT = """
 import os
 from sweeps.engine import sweep_run
 from vibroimpact import Oscillator, integrate
-fork, parent = os.fork, os.getpid()
+fork, parent, search = os.fork, os.getpid(), sweep_run.compile_search
 def start():
     copy = fork()
     if os.getpid() == parent:
         print(copy, flush=True)
     return copy
 os.fork = start
+sweep_run.compile_search = lambda begin=False: begin or search()  # not what both need
 sweep_run.available_memory = lambda: 2**40
 sweep_run.ALL_THREADS = 2
 sweep_run.LONGEST_WAIT = 3600.0
