@@ -111,6 +111,7 @@ def main(words):
     if words[0] == "--one-block":
         wait_after_one_block()
         words = words[1:]
+    from sweeps import interrupts
     from sweeps.cli.__main__ import main as command
 
     while words:
@@ -121,6 +122,7 @@ def main(words):
         except SystemExit as done:
             if done.code:
                 raise
+        interrupts._came = False  # as in another process
 
 
 if __name__ == "__main__":

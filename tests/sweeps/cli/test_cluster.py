@@ -23,12 +23,13 @@ from distributed import LocalCluster
 from distributed.core import Server
 from distributed.security import Security
 
-from sweeps import interrupts
+from sweeps import interrupts, run_sweep
 from sweeps.engine import cluster as clusters
 from sweeps.engine.cluster import check_address
-from tests.helpers.clusters import CLUSTERED as CONFIG  # noqa: F401 - the folder of each test has it
+from tests.helpers.clusters import CLUSTERED as CONFIG
 from tests.helpers.clusters import assert_same_bits, refused_run
 from tests.helpers.commands import call
+from tests.helpers.configurations import load
 from tests.helpers.interruptions import hear, wait_until
 from tests.helpers.places import ROOT
 
@@ -43,17 +44,11 @@ def command(*arguments):
     return subprocess.Popen(words, preexec_fn=hear, **how, **streams)
 
 
-def test_processes_of_this_machine(capfd):
-    result = call("run", "sweep.yaml", "-o", "out.h5", "--dask", "local:1", "--quiet")
-    assert (result.exit_code, result.output) == (0, "")
-    assert capfd.readouterr() == ("", "")  # of the worker, too
-    assert_same_bits("out.h5")
-
-
-def test_no_other_user_reaches_the_processes_of_this_machine():
+def test_no_other_user_reaches_the_processes_of_this_machine(capfd):
     """Every listening port requires the certificate of the run, or serves nothing."""
     others = listening()
     with clusters.connected("local:1") as client:
+        run_sweep(load(CONFIG), "out.h5", client=client)
         address = client.scheduler.address
         (worker,) = client.nthreads()
         ports = listening() - others
@@ -71,6 +66,8 @@ def test_no_other_user_reaches_the_processes_of_this_machine():
             for path in ("/", "/status", "/info/main/workers.html", "/json/identity.json"):
                 with pytest.raises(urllib.error.HTTPError, match="404"):
                     urllib.request.urlopen(f"http://{host}:{port}{path}", timeout=300)
+    assert capfd.readouterr() == ("", "")  # of the worker, too
+    assert_same_bits("out.h5")
 
 
 def listening():

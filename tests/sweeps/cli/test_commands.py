@@ -363,18 +363,3 @@ def test_a_run_without_impacts_says_so():
     with h5py.File("small.h5") as file:
         assert (file["rest_fraction"][()] > 0.999).all()
     assert said not in accepted("run", "sweep.yaml", "--overwrite")
-
-
-def test_an_unstable_step_is_refused_or_allowed_and_said():
-    """Euler at p T = 0.84, where 0.2 is the limit; the other point is stable."""
-    Path("unstable.yaml").write_text(
-        "oscillator: {h: 0.1, R: 0.8, omega: [3, 0.3], f: 1.0}\n"
-        "method: {integrator: euler, impact: plain, steps_per_period: 25}\n"
-        "record: {transient: 3000, periods: 4}\n"
-    )
-    message = refused("run", "unstable.yaml")
-    assert "line 2: method.steps_per_period: 25 are not enough for euler" in message
-    assert "an integer from 105 to" in message and "allow_unstable" in message
-    text = accepted("run", "unstable.yaml", "--set", "method.allow_unstable=true")
-    assert "2 points, of which 1 NON_FINITE (a number overflowed: the step is unstable" in text
-    accepted("run", "unstable.yaml", "--overwrite", "--set", "method.steps_per_period=105")

@@ -13,7 +13,6 @@ import pytest
 
 from sweeps import Refused, explore, open_sweep, run_sweep
 from sweeps.cli.__main__ import _reason
-from sweeps.config.loading import load_config
 from sweeps.text import printable
 from tests.helpers.commands import SMALL, accepted, call, refused
 from tests.helpers.interruptions import environment
@@ -40,10 +39,10 @@ def test_closed_streams(small_file):
         "sys.exit(number < 3 or not all(os.fstat(i) for i in range(3)))"
     )
     how = {"shell": True, "check": True, "env": environment(), "timeout": 300}
-    for closed in ("2>&-", ">&-", ">&- 2>&- <&-"):
+    for closed in ("2>&-", ">&- 2>&- <&-"):
         subprocess.run(f'{sys.executable} -c "{code}" {closed}', **how)
-    subprocess.run(f"{sys.executable} -m sweeps.cli plot small.h5 --dpi 40 {closed}", **how)
-    assert Path("small.png").read_bytes().startswith(b"\x89PNG")
+    subprocess.run(f"{sys.executable} -m sweeps.cli export small.h5 -o a.csv {closed}", **how)
+    assert Path("a.csv").read_text().startswith("omega,clearance,")
 
 
 def test_version():
@@ -125,11 +124,10 @@ def test_what_a_file_says_reaches_the_terminal_escaped():
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="other systems allow Unicode alone")
-def test_names_of_files_that_are_not_utf_8(small_file):
-    data, picture = (os.fsdecode(name) for name in (b"a\xff.h5", b"p\xff"))
+def test_names_of_files_that_are_not_utf_8(small_file, unpainted):
+    data, picture = (os.fsdecode(name) for name in (b"a\xff.h5", b"p\xff.png"))
     Path("small.h5").rename(data)
-    for ending in ("png", "pdf"):
-        assert accepted("plot", data, "-o", f"{picture}.{ending}") == rf"p\udcff.{ending}" + "\n"
+    assert accepted("plot", data, "-o", picture) == "p\\udcff.png\n"
     assert accepted("zoom", data, "omega=2:2.1")
     assert Path(os.fsdecode(b"a\xff-omega-2-2.1.png")).stat().st_size
     assert "exists; resume it, overwrite it" in refused("run", data)  # it is its own output
@@ -229,15 +227,6 @@ for what in ("vibroimpact", "sweeps.plotting", "sweeps.store", "sweeps; sweeps.r
     told = done.stdout.splitlines()
     assert len(told) == 4
     assert all(text.startswith(f"{path} is no folder: ") and "unpack it" in text for text in told)
-
-
-def test_a_configuration_is_printed_in_utf_8_whatever_the_console_has():
-    accepted("run", "sweep.yaml", "--quiet", "--set", "name=größe σ", "-o", "out.h5")
-    result = process("info", "out.h5", "--config", PYTHONIOENCODING="cp1252")
-    assert (result.returncode, result.stderr) == (0, "")
-    Path("again.yaml").write_text(result.stdout, encoding="utf-8")
-    assert load_config("again.yaml").name == "größe σ"
-    assert "name: größe σ\n" in accepted("info", "out.h5", "--config")
 
 
 def test_a_warning_is_one_line_and_a_character_that_the_encoding_lacks_is_escaped():

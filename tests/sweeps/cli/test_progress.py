@@ -72,7 +72,7 @@ def test_progress_never_says_more_than_everything(impatient, monkeypatch):
     monkeypatch.setattr(sys, "stderr", screen)
     monkeypatch.setenv("TERM", "xterm")
     with text.progress_shown("counting") as report:
-        for share in (0.5, 1.0, 1.04):
+        for share in (0.5, 1.04):
             report(share)
             time.sleep(0.3)
     shown = screen.getvalue()
@@ -100,16 +100,9 @@ def test_quick_work_says_nothing(capsys, monkeypatch):
     assert capsys.readouterr() == ("", "")
 
 
-def test_a_terminal_shows_work_that_reports_nothing(impatient, monkeypatch):
-    screen = Terminal()
-    monkeypatch.setattr(sys, "stderr", screen)
-    monkeypatch.setenv("TERM", "xterm")
-    with text.progress_shown("measuring"):
-        wait_until(lambda: "measuring" in screen.getvalue(), "the name of the work")
-
-
 @pytest.mark.parametrize("name", ["a[b]c", "[bold]", "a :car: b"])
 def test_a_terminal_and_a_log_show_a_name_as_it_is(impatient, monkeypatch, name):
+    """Also of work that reports nothing."""
     for screen in (Terminal(), io.StringIO()):
         monkeypatch.setattr(sys, "stderr", screen)
         monkeypatch.setenv("TERM", "xterm")

@@ -47,25 +47,21 @@ def test_a_folder_where_no_file_can_be_made_is_refused_before_any_work(small_fil
         assert f"no file can be made in the folder {Path().absolute()}" in refused(*command.split())
 
 
-@pytest.mark.parametrize("place", [".", "..", "/", "", "loop", "fifo.h5", "old.h5"])
+@pytest.mark.parametrize("place", [".", "/", "", "loop", "fifo.h5", "old.h5", "text.h5"])
 def test_what_is_no_file_of_a_sweep(small_file, place):
     """A folder, a link to itself, a FIFO without a writer, a file with the name of its blocks."""
     Path("loop").symlink_to("loop")
     Path("old.h5.parts").touch()
+    Path("text.h5").write_text("hello")
     os.mkfifo("fifo.h5")
     said = {"loop": "Too many levels of symbolic links", "fifo.h5": "is a FIFO, not a regular file"}
-    said["old.h5"] = "error: old.h5 does not exist\n"
+    said |= {"old.h5": "error: old.h5 does not exist\n", "text.h5": "is not an HDF5 file"}
     options = {"compare": ["small.h5"], "zoom": ["omega=2:3"], "export": ["-o", "a.csv"]}
     for command in ("info", "plot", "attractors", "integrity", *options):
         message = refused(command, place, *options.get(command, ()))
         assert said.get(place, "is a directory, not a regular file") in message, (command, message)
     run = refused("run", place, "-o", "new.h5")
-    assert "fifo.h5 is no file of a sweep" in run if place == "fifo.h5" else "Errno" not in run
-
-
-def test_a_text_is_no_file_of_a_sweep():
-    Path("text.h5").write_text("hello")
-    assert "text.h5 is no file of a sweep" in refused("run", "text.h5", "-o", "new.h5")
+    assert "Errno" not in run and (place[:4] not in ("fifo", "text") or "no file of a sweep" in run)
 
 
 @pytest.mark.parametrize(
@@ -203,28 +199,13 @@ def test_an_interrupted_run_says_what_is_kept(stop_after):
         assert result.stderr.endswith(f"; to go on: {command}\n")
 
 
-@pytest.mark.parametrize(
-    "command",
-    [
-        ["bench", "accuracy-speed"],
-        ["info", "small.h5"],
-        ["plot", "small.h5"],
-        ["run", "sweep.yaml"],
-        ["schema"],
-        ["zoom", "small.h5", "omega=2:3"],
-    ],
-)
-def test_an_interrupted_command_exits_with_1(small_file, monkeypatch, command):
+def test_an_interrupted_command_exits_with_1(monkeypatch):
     def interrupt(*_, **__):
         raise Cancelled  # as the handlers of a process do
 
-    monkeypatch.setattr("sweeps.store.xarray_engine.open_sweep", interrupt)
-    monkeypatch.setattr("sweeps.cli.run.read_config", interrupt)
     monkeypatch.setattr("sweeps.config.sweep.json_schema", interrupt)
-    monkeypatch.setattr("sweeps.bench.accuracy.measure_methods", interrupt)
-    result = call(*command)
-    assert result.exit_code == 1
-    assert result.stderr == "vibroimpact: error: interrupted\n"
+    result = call("schema")
+    assert (result.exit_code, result.stderr) == (1, "vibroimpact: error: interrupted\n")
 
 
 @pytest.mark.slow

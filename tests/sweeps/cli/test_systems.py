@@ -26,7 +26,9 @@ from vibroimpact.jit.way import WAY
 
 CONFIG = SWEEP
 SCRIPT = ROOT / "tests/helpers/without_posix.py"
-SETTINGS = [word for setting in KINDS[1] for word in ("--set", setting)]
+#: As many points as make two blocks.
+CHANGES = [*KINDS[1], "oscillator.omega.num=600"]
+SETTINGS = [word for setting in CHANGES for word in ("--set", setting)]
 
 pytestmark = [
     pytest.mark.slow,
@@ -47,6 +49,7 @@ def process(*words):
 
 @pytest.mark.cluster
 def test_a_run_that_is_killed_goes_on_and_every_command_works():
+    """First the live picture, which is shown until an interrupt ends it."""
     run = ("run", "sweep.yaml", "--quiet", *SETTINGS, "--threads", "1")
     with process("--one-block", *run) as killed:
         wait_until(lambda: share_written(Path("sweep.h5")) or killed.poll() is not None, "a block")
@@ -54,6 +57,7 @@ def test_a_run_that_is_killed_goes_on_and_every_command_works():
     assert 0.0 < share_written(Path("sweep.h5")) < 1.0
     few = ("--set", "oscillator.omega.num=50", "-o", "few.h5")
     commands = [
+        ["explore", "sweep.yaml", "--no-browser"],
         [*run, "--resume"],
         ["run", "sweep.yaml", "--quiet", *few],
         ["run", "sweep.yaml", "--quiet", *few, "--overwrite"],
@@ -66,23 +70,17 @@ def test_a_run_that_is_killed_goes_on_and_every_command_works():
     ]
     words = [word for command in commands for word in ("--", *command)][1:]
     with process(*words) as done:
+        with urllib.request.urlopen(done.stdout.readline().strip()) as answer:
+            assert answer.status == 200
+        done.send_signal(signal.SIGINT)
         done.communicate()
         assert done.returncode == 0
     assert Path("sweep.png").stat().st_size and Path("zoom.png").stat().st_size
-    config = load_config("sweep.yaml", KINDS[1])
+    config = load_config("sweep.yaml", CHANGES)
     xr.testing.assert_identical(data("sweep.h5"), data(run_sweep(config, "whole.h5")))
     xr.testing.assert_identical(data("cluster.h5"), data("few.h5"))
 
 
-def test_the_live_picture_starts_and_ends():
-    with process("explore", "sweep.yaml", "--no-browser") as page:
-        with urllib.request.urlopen(page.stdout.readline().strip()) as answer:
-            assert answer.status == 200
-        page.send_signal(signal.SIGINT)
-        assert page.wait() == 0
-
-
-@pytest.mark.slow
 def test_a_second_job_compiles_nothing(tmp_path):
     page = (CONFIGS / "clusters-and-ci.md").read_text()
     block = re.search(r"^## In CI$.*?^```yaml$(.*?)^```$", page, re.MULTILINE | re.DOTALL)[1]

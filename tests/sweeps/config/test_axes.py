@@ -13,7 +13,6 @@ from sweeps import load_config
 from sweeps.config.values import Range
 from sweeps.errors import ConfigError
 from tests.helpers.configurations import load, oscillator_yaml, refusal
-from tests.helpers.sweep_files import swept
 
 AXES = [
     pd.Series([2.5, 2.6]), pd.Index([2.5, 2.6]), xr.DataArray([2.5, 2.6], dims="omega"),
@@ -47,18 +46,6 @@ def test_what_is_no_axis_is_refused(axis, part):
     with pytest.raises(ConfigError) as refusal:
         load_config({"oscillator": {"h": 0.1, "R": 0.8, "omega": axis, "f": 1.0}})
     assert part in str(refusal.value) and len(str(refusal.value)) < 600
-
-
-def test_values_of_a_range_are_found_by_the_numbers_typed():
-    """And the nearest one of a list in any order."""
-    R = {"start": 0.1, "stop": 1, "num": 10}
-    oscillator = {"h": 0.1, "R": R, "omega": [2.6, 2.4, 2.9, 2.5], "f": 1.0}
-    record = {"transient": 5, "periods": 2}
-    ds = swept({"oscillator": oscillator, "record": record})
-    for value in (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0):
-        assert ds.sel(R=value)["R"] == value
-    assert ds.sel(omega=2.88, method="nearest")["omega"] == 2.9
-    assert ds["omega"].values.tolist() == [2.4, 2.5, 2.6, 2.9]
 
 
 @pytest.mark.parametrize("unit", ["seconds", "days", "microseconds"])

@@ -96,6 +96,8 @@ def test_a_misspelt_key_is_not_reported_missing_as_well():
     message = refusal(oscillator_yaml().replace("omega", "omga").replace("f: ", "x: "))
     assert "omega is missing" not in message
     assert "oscillator.f is missing" in message
+    message = refusal("oscillator: {damping: 0.1, restitution: 0.8, frequency: 2, F: 1}\n")
+    assert message.count("\n") == 3 and "missing" not in message
 
 
 @pytest.mark.parametrize(("values", "errors"), [("[[1], [2]]", 2), ("[[1, 2], 3]", 1)])
@@ -121,11 +123,6 @@ def test_a_name_of_other_programs_leads_to_the_key(place, keys):
         message = refusal(text, [f"{place}{name}=1"])
         assert f"unknown key {place}{name} (did you mean {key}?)" in message
         assert message.count("\n") == 0
-
-
-def test_a_key_under_another_name_is_not_reported_missing_as_well():
-    message = refusal("oscillator: {damping: 0.1, restitution: 0.8, frequency: 2, F: 1}\n")
-    assert message.count("\n") == 3 and "missing" not in message
 
 
 def test_of_many_errors_the_first_are_said_and_the_number_of_all():
@@ -196,7 +193,16 @@ def test_start_beyond_the_stop(x0, clearance):
     ("text", "parts"),
     [
         ("a: [1, 2\nb: 3\n", ["line 2, column 2", "not valid YAML"]),
-        ("a:\n\t- b\n", ["line 2, column 1", "not valid YAML"]),
+        ("a:\n\t- b\n", ["line 2, column 1", "not valid YAML", "indent with spaces"]),
+        ("oscillator:\n  h: 0.1\n\tR: 0.8\n", ["line 3, ", "indent with spaces"]),
+        ("oscillator: {h: 0.1,\n\tR: 0.8}\n", ["line 2, ", "indent with spaces"]),
+        ("name:\ta\n", ["line 1, ", "indent with spaces"]),
+        ("oscillator:\n  h:0.1\n  R:0.8\n  omega: 1\n",
+         ["line 4", "the space after one is missing"]),
+        ("oscillator:\n  h 0.1\n  R: 0.8\n", ["line 3", "a colon or the space"]),
+        ("name: sweep: first\n", ["line 1", "a text with a colon needs quotes"]),
+        (r'output: "C:\Users\me\x.h5"', ["line 1", "single quotes"]),
+        (r'output: "C:\data\x.h5"', ["line 1", "single quotes"]),
         (" a: 1\nb: 2\n", ["line 2, column 1", "need the same indentation"]),
         ("a:\n  b: 1\n c: 2\n", ["line 3, column 2", "need the same indentation"]),
         ("a: 1\n---\nb: 2\n", ["line 2, column 1", "not valid YAML: expected a single document"]),
@@ -206,6 +212,10 @@ def test_start_beyond_the_stop(x0, clearance):
         ("a: \x00\n", ["line 1: not valid YAML: it has the character '\\x00'"]),
         ("a: 1\nb: \x07\n", ["line 2: not valid YAML: it has the character '\\x07', which"]),
         ("[" * 5000, ["not valid YAML"]),
+        ("[" * 17 + "]" * 17, ["more than 16 levels"]),
+        ("[" * 16 + "]" * 16, ["expected: a mapping"]),
+        ("".join("  " * i + "a:\n" for i in range(300)), ["more than 16 levels"]),
+        ("#" * 300_000, ["longer than 250,000 bytes"]),
         ("", ["is empty", "expected: a mapping with keys among name, points, rig, oscillator"]),
         ("- h\n- R\n", ["[h, R]", "expected: a mapping"]),
         ("points: {omega: [1]}\noscillator: 3\n", ["oscillator = 3", "a mapping with keys among"]),
@@ -216,6 +226,12 @@ def test_what_is_not_a_mapping_in_yaml(text, parts):
     assert "sweep.yaml" in message
     for part in parts:
         assert part in message
+
+
+@pytest.mark.parametrize("text", ["a: [1\n", "a: b: c\n", "name: 'a\tb\n"])
+def test_other_faults_of_yaml_do_not_speak_of_tabs(text):
+    message = refusal(text)
+    assert "not valid YAML" in message and "spaces" not in message
 
 
 @pytest.mark.parametrize("name", ["folder", "binary.yaml", "a\0b"])
