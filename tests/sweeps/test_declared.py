@@ -1,13 +1,11 @@
 """What pyproject.toml declares is what the packages import."""
 
-import ast
 import re
 import sys
 import tomllib
 
-from tests.helpers.places import CONFIGS
+from tests.helpers.file_tables import PAGES, ROOT, imported, parsed
 
-ROOT = CONFIGS.parent
 #: Packages whose versions another one of those declared chooses.
 OF_OTHERS = {"cycler": "matplotlib", "llvmlite": "numba", "pydantic_core": "pydantic"}
 #: Declared for another package, which imports it: xarray to open a sweep file, distributed to
@@ -17,17 +15,11 @@ FOR_OTHERS = {"h5netcdf", "cryptography"}
 IMPORTED_AS = {"pillow": "PIL", "pyyaml": "yaml", "lazy-loader": "lazy_loader"}
 
 
-def imported():
+def packages():
     """Return the names of all packages that files of the two packages import, stubs included."""
-    found = set()
-    for package in ("vibroimpact", "sweeps"):
-        for path in (ROOT / package).rglob("*.py"):
-            for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-                if isinstance(node, ast.Import):
-                    found |= {name.name.partition(".")[0] for name in node.names}
-                elif isinstance(node, ast.ImportFrom) and node.module and not node.level:
-                    found.add(node.module.partition(".")[0])
-    return found - sys.stdlib_module_names - {"vibroimpact", "sweeps"}
+    paths = [path for package in PAGES for path in (ROOT / package).rglob("*.py")]
+    found = {name.partition(".")[0] for path in paths for name in imported(parsed(path))}
+    return found - sys.stdlib_module_names - {*PAGES}
 
 
 def test_the_declared_packages_are_those_imported():
@@ -37,4 +29,4 @@ def test_the_declared_packages_are_those_imported():
     required = [*project["dependencies"], *(one for key in used for one in extras[key])]
     names = {re.match(r"[\w-]+", requirement)[0] for requirement in required}
     declared = {IMPORTED_AS.get(name, name) for name in names}
-    assert {OF_OTHERS.get(name, name) for name in imported()} == declared - FOR_OTHERS
+    assert {OF_OTHERS.get(name, name) for name in packages()} == declared - FOR_OTHERS

@@ -124,7 +124,7 @@ _OTHER_FILES = ("table_panels", "animate")
 
 
 @pytest.mark.parametrize("door", [door for door in DOORS if door not in _OTHER_FILES])
-def test_what_a_dataset_lacks_is_named_until_it_has_it(loaded, door):
+def test_what_a_dataset_lacks_is_named_until_it_has_it(loaded, no_knocks, unpainted, door):
     """Each refusal names a variable; with those that were named the function does its work."""
     whole = loaded[DOORS[door][1]]
     has = {"status"}
@@ -157,16 +157,6 @@ def test_what_exact_orbits_and_attractors_lack_is_named(loaded):
     for name in ("m", "q", "section_x", "section_v"):
         with pytest.raises(Refused, match=r"found = .*expected: the result of sweeps\.attractors"):
             sweeps.knocks(starts, sweeps.attractors(starts).drop_vars(name))
-
-
-@pytest.mark.campaign
-@pytest.mark.parametrize("door", [door for door in DOORS if door not in _OTHER_FILES])
-def test_any_variable_may_be_left_out(loaded, door):
-    """Also one of those that the function takes only where it has them."""
-    whole = loaded[DOORS[door][1]]
-    for name in {*whole.data_vars} - {"status"}:
-        text = _refusal(door, whole.drop_vars(name))
-        assert not text or f"no {name}" in text, text
 
 
 def test_a_part_of_exact_orbits_is_drawn(loaded):

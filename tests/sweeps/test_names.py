@@ -3,14 +3,10 @@
 import ast
 from collections import Counter
 
-from tests.helpers.places import CONFIGS
+from tests.helpers.file_tables import PAGES, ROOT, parsed
 
-ROOT = CONFIGS.parent
 FILES = [
-    path
-    for package in ("vibroimpact", "sweeps")
-    for path in (ROOT / package).rglob("*.py")
-    if path.stem != "__init__"
+    path for package in PAGES for path in (ROOT / package).rglob("*.py") if path.stem != "__init__"
 ]
 #: The function that measures basins, and the picture of what it measures; the sine and cosine at
 #: the start of a step, in the rows of the kernel for either rule.
@@ -20,7 +16,7 @@ SHARED = {"integrity", "S_0", "C_0"}
 def defined(path):
     """Return the names at the top of a file: its functions, classes and values."""
     found = set()
-    for node in ast.parse(path.read_text(encoding="utf-8")).body:
+    for node in parsed(path).body:
         if isinstance(node, ast.FunctionDef | ast.ClassDef):
             found.add(node.name)
         elif isinstance(node, ast.Assign | ast.AnnAssign):

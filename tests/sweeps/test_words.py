@@ -2,11 +2,13 @@
 
 import json
 import re
+from pathlib import Path
 
 import pytest
 import yaml
 
 from sweeps import bifurcations, branches, curves, open_sweep, plotting
+from sweeps.attractor.knocks import Knock
 from sweeps.opened.opened_sweep import OpenedSweep
 from sweeps.plotting.contents import number_at
 from sweeps.plotting.style import EVIDENCE, REGIMES, STATUS_COLOURS
@@ -70,7 +72,10 @@ def test_the_words_of_all_regimes_and_outcomes():
     }  # fmt: skip
 
 
-def test_the_words_of_the_legends(files):
+def test_the_words_of_the_legends(files, monkeypatch):
+    knock = Knock(phase=1.0, x=-1.0, v=0.5, harmless=0.1, harmful=0.2)  # to seek it takes long
+    monkeypatch.setattr("sweeps.attractor.knocks._Attractors.worst", lambda *_: knock)
+    monkeypatch.setattr("sweeps.opened.result_cache.root", lambda: Path("kept"))
     with (
         open_sweep(files / "map.h5") as whole,
         open_sweep(files / "line.h5") as line,
@@ -93,7 +98,7 @@ def test_the_words_of_the_legends(files):
         ]
         texts = [text for figure in figures for text in legends(figure)]
     shown = {phrase for text in texts for phrase in phrases(text)}
-    assert {"chaotic", "rest", "m/q", "on its way to m/q"} <= shown
+    assert {"chaotic", "rest", "m/q", "on its way to m/q", "least knock"} <= shown
     assert not unexplained(texts)
 
 

@@ -53,37 +53,27 @@ def test_a_file_equals_itself_and_another_run(small_file, folder):
     assert "small.h5 and again.h5 are equal: " in accepted("compare", "small.h5", "again.h5")
 
 
-def test_what_differs_where_and_by_how_much(changed):
+def test_what_differs_where_and_by_how_much(changed, monkeypatch):
+    """In whatever parts it is read; no variable is kept in memory."""
     with open_sweep("small.h5") as data:
         x, omega = data["poincare_x"].values, data["omega"].values
         assert data["poincare_x"].dims == ("omega", "clearance", "section")
     new = {(1, 1, 2): x[1, 1, 2] + 0.25, (1, 1, 3): np.nan, (4, 0, 0): x[4, 0, 0] - 0.5}
-    found = lines_of(call("compare", "small.h5", changed({"poincare_x": new})))
+    name = changed({"poincare_x": new})
+    whole = call("compare", "small.h5", name)
+    found = lines_of(whole)
     assert list(found) == ["poincare_x"]
     text = found["poincare_x"]
     assert text.startswith("differs at 2 of 10 points (3 of 40 values), first at ")
     assert f"omega = {omega[1]:.12g}, clearance = 0.1, section = 6: " in text
     assert text.endswith("; greatest difference 0.5")
-
-
-def test_no_variable_is_kept_in_memory(changed):
-    name = changed({"poincare_v": {(0, 1, 3): 7.0}})
-    with open_sweep("small.h5") as one, open_sweep(name) as other:
-        assert [each.name for each in differences(one, other) if each.values] == ["poincare_v"]
-        for data in (one, other):
-            assert not any(data[name].variable._in_memory for name in data.data_vars)
-
-
-def test_parts_are_counted_together(changed, monkeypatch):
-    with open_sweep("small.h5") as data:
-        v = data["poincare_v"].values
-    places = [(0, 1, 3), (2, 0, 1), (4, 1, 0)]
-    name = changed({"poincare_v": {place: v[place] + 1.0 for place in places}})
-    whole = call("compare", "small.h5", name).stdout
-    assert "differs at 3 of 10 points (3 of 40 values), first at omega = 1.5, cl" in whole
     for most in (1, 9, 17):
         monkeypatch.setattr("sweeps.opened.coordinates._VALUES_READ", most)
-        assert call("compare", "small.h5", name).stdout == whole
+        assert call("compare", "small.h5", name).stdout == whole.stdout
+    with open_sweep("small.h5") as one, open_sweep(name) as other:
+        assert [each.name for each in differences(one, other) if each.values] == ["poincare_x"]
+        for data in (one, other):
+            assert not any(data[name].variable._in_memory for name in data.data_vars)
 
 
 def test_a_relative_difference_is_allowed_in_numbers_alone(changed):
