@@ -246,22 +246,21 @@ def first_touch(value, slope, grid):
 
 
 class ExactOrbit:
-    """All `sections` (x, v, error), `impacts` (t, v, error) and `rests` (start, end) from t = 0.
+    """All `sections` (x, v), `impacts` (t, v) and `rests` (start, end) from t = 0.
 
     ``graze`` is the time at which the orbit first came within `margin` of a graze, inf if it never
     did; ``reached`` is the end of the periods, or the time of impact number `most`.
     """
 
     def __init__(self, osc, periods, x=0.0, v=0.0, margin=1e-6, shortest=1e-13, most=10**6):
-        self.osc, self.margin, self.shortest = osc, margin, shortest
+        self.osc, self.margin, self.shortest, self.graze = osc, margin, shortest, math.inf
         self.period = 2 * math.pi / osc.omega
         self.end = periods * self.period
         self.sections, self.impacts, self.rests = [], [], []
-        self.graze, self.spread = math.inf, np.zeros((2, 2))
         self.rate = 2 * osc.h + osc.p + osc.omega
         t = 0.0
         if x == osc.clearance and v > 0.0:
-            self.impacts.append((0.0, v, 0.0))
+            self.impacts.append((0.0, v))
             v = -osc.R * v
         while t < self.end and len(self.impacts) < most:
             released = bool(self.rests) and self.rests[-1][1] == t
@@ -281,7 +280,7 @@ class ExactOrbit:
         while len(self.sections) * self.period + self.period <= min(t, self.end) * (1 + 1e-14):
             at = (len(self.sections) + 1) * self.period
             x, v = state(at)
-            self.sections.append((float(x), float(v), math.sqrt(np.trace(self.spread))))
+            self.sections.append((float(x), float(v)))
 
     def rest(self, t):
         """Rest until the force no longer presses the mass onto the stop."""
@@ -291,7 +290,6 @@ class ExactOrbit:
         release = math.inf
         if pulls.size:
             release = brentq(self.push, grid[pulls[0]], grid[pulls[0] + 1], xtol=1e-300, rtol=1e-15)
-        self.spread[:] = 0.0
         self.pass_sections(t, release, lambda _: (self.osc.clearance, 0.0))
         self.rests.append([t, release])
         return release, self.osc.clearance, 0.0
@@ -311,15 +309,13 @@ class ExactOrbit:
         grid = np.linspace(0.0, panel, 129)
         at, near = first_touch(quotient, quotient.deriv(), grid)
         state = lambda q: (stop + whole(q - t), whole.deriv()(q - t))  # noqa: E731
-        heights = whole(grid)
         flight, start = None, t + panel
         if at is not None:
             at += t
             speed = float(whole.deriv()(at - t))
             near = near * panel**m
-            size = np.abs(heights[grid <= at - t]).max(), max(abs(v), speed)
         else:
-            at, speed, size, flight, near = self.long_flight(start, state, near * panel**m)
+            at, speed, flight, near = self.long_flight(start, state, near * panel**m)
             state_short, state_long = state, flight
             state = lambda q: state_short(q) if q <= start else state_long(q)  # noqa: E731
         if -self.margin < near < 0.0:
@@ -327,15 +323,10 @@ class ExactOrbit:
         self.pass_sections(t, at, state)
         if at >= self.end:
             return at, stop, speed
-        matrix = self.tangent(at - t)
-        error = 1e-15 * np.array(size)
-        self.spread = matrix @ self.spread @ matrix.T + np.diag(error**2)
         a = self.push(at)
         if a < 0.0 and speed**2 < -2.0 * a * self.margin:
             self.graze = min(self.graze, at)
-        jump = np.array([[-osc.R, 0.0], [(1.0 + osc.R) * a / speed, -osc.R]])
-        self.impacts.append((at, speed, math.sqrt(np.trace(self.spread))))
-        self.spread = jump @ self.spread @ jump.T
+        self.impacts.append((at, speed))
         v = -osc.R * speed
         if a > 0.0 and -v < self.shortest:
             v = 0.0
@@ -347,20 +338,12 @@ class ExactOrbit:
         form = ClosedForm(osc, start, *map(float, state(start)))
         # Local maxima are at least about half a period of the fastest motion apart.
         spacing = 0.02 * 2 * math.pi / self.rate
-        t, highest, fastest = start, 0.0, 0.0
+        t = start
         while t < self.end:
             grid = t + spacing * np.arange(201)
-            x, v = form(grid)
-            highest, fastest = max(highest, np.abs(x - stop).max()), max(fastest, np.abs(v).max())
             at, close = first_touch(lambda q: form(q)[0] - stop, lambda q: form(q)[1], grid)
             near = max(near, close)
             if at is not None and at < self.end:
-                return at, float(form(at)[1]), (highest, fastest), form, near
+                return at, float(form(at)[1]), form, near
             t = grid[-1]
-        return self.end * (1 + 1e-12), 0.0, (highest, fastest), form, near
-
-    def tangent(self, dt):
-        """Return the derivative of a flight of length dt with respect to its start."""
-        free = SimpleNamespace(**(vars(self.osc) | {"f": 0.0, "a": 0.0}))
-        columns = [ClosedForm(free, 0.0, *unit)(dt) for unit in np.eye(2)]
-        return np.array(columns).T
+        return self.end * (1 + 1e-12), 0.0, form, near

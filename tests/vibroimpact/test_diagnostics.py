@@ -186,17 +186,6 @@ def test_the_exponents_have_the_same_bits_on_every_processor(monkeypatch):
     np.testing.assert_array_equal(again, expected)
 
 
-def test_a_chaotic_point():
-    """About (.134, -.345), over 50,000 periods (.142, -.352); at h = .1, 0.40 per period."""
-    how = {"transient": 500, "impacts": 0, "lyapunov": True}
-    osc = Oscillator(h=0.0, R=0.8, omega=2.8, f=1.0)
-    (found,) = integrate(osc.at(), periods=50_000, **how)["lyapunov"]
-    np.testing.assert_allclose(found, [0.134, -0.345], atol=0.012)
-    osc = Oscillator(h=0.1, R=0.8, omega=2.95, f=1.0)
-    (found,) = integrate(osc.at(), periods=20_000, **how)["lyapunov"]
-    assert found[0] * osc.forcing_period == pytest.approx(0.40, abs=0.03)
-
-
 @pytest.mark.parametrize(
     ("h", "omega", "R", "n"),
     [

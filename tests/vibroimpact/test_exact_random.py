@@ -61,29 +61,25 @@ def test_no_impact_depends_on_how_many_share_a_step():
 def test_random_points_are_those_of_the_slow_solver(every, shaken):
     """2000 points, or 5: sections, impacts and rests to 1e-9, with a force or with a shaken base.
 
-    50 periods or 500 impacts, chatters included, while a rounding stays below 1e-11; from a graze
-    within 1e-6 on, none is compared.
+    10 periods or 500 impacts, chatters included; from a graze within 1e-6 on, none is compared.
     """
     points = wide_points(2000, 23)[::every]
     if shaken:
         rng = np.random.default_rng(24)
         points["a"] = rng.uniform(0.2, 2.0, len(points)) / (1.0 + points["omega"] ** 2)
         points["f"] *= rng.choice([0.0, 0.5], len(points))
-    grazed, lost, sections, impacts, rested = 0, 0, 0, 0, 0
+    grazed, sections, impacts, rested = 0, 0, 0, 0
     for point in points:
         osc, x0, v0 = taken_apart(point)
-        slow = naive.ExactOrbit(osc, 50, x0, v0, most=500)
-        tr = simulate(osc, 50, x0=x0, v0=v0)
-        period = osc.forcing_period
-        known = np.array(slow.sections).reshape(-1, 3)
-        bad = np.flatnonzero(known[:, 2] > 1e-11)
-        end = min(slow.graze, slow.reached, (bad[0] if bad.size else 50) * period) * (1 + 1e-13)
+        slow = naive.ExactOrbit(osc, 10, x0, v0, most=500)
+        tr = simulate(osc, 10, x0=x0, v0=v0)
+        known = np.array(slow.sections).reshape(-1, 2)
+        end = min(slow.graze, slow.reached) * (1 + 1e-13)
         grazed += slow.graze < slow.reached
-        lost += bad.size > 0
-        compared = int((np.arange(1, len(known) + 1) * period <= end).sum())
+        compared = int((np.arange(1, len(known) + 1) * osc.forcing_period <= end).sum())
         ours = np.column_stack([tr.section_x, tr.section_v])
-        np.testing.assert_allclose(ours[:compared], known[:compared, :2], atol=1e-9)
-        hits = np.array(slow.impacts).reshape(-1, 3)
+        np.testing.assert_allclose(ours[:compared], known[:compared], atol=1e-9)
+        hits = np.array(slow.impacts).reshape(-1, 2)
         hits = hits[(hits[:, 0] < end - 1e-6) & (hits[:, 1] > 1e-4)]
         if len(hits):
             nearest = np.abs(tr.impact_t[:, None] - hits[:, 0]).argmin(axis=0)
@@ -94,7 +90,7 @@ def test_random_points_are_those_of_the_slow_solver(every, shaken):
         sections += compared
         impacts += len(hits)
         rested += len(rests)
-    assert 10 * (grazed + lost) < len(points)
+    assert 10 * grazed < len(points)
     assert sections > 5 * len(points) and impacts > 10 * len(points) and rested > len(points)
 
 

@@ -11,12 +11,7 @@ from tests.helpers.kernel_cases import METHODS, integrated, random_points, steps
 from tests.helpers.naive import ClosedForm
 from tests.vibroimpact.test_repeats import in_pieces, mixed_points
 from vibroimpact import Oscillator, Status, integrate, one_impact_orbits, periodic_orbit, simulate
-from vibroimpact.kernel.exact_impacts import BOUND, EXACT_COLUMNS
-from vibroimpact.kernel.exact_lanes import set_propagator
-from vibroimpact.kernel.extremes import set_steady, widen_by_lane
-from vibroimpact.kernel.threads import new_workspace
-from vibroimpact.kernel.workspace import CLEARANCE, LEAST, MOST, ROW, W, Y
-from vibroimpact.step.scheme import default_steps, one_period
+from vibroimpact.step.scheme import default_steps
 
 NAMES = "x_min", "x_max"
 
@@ -182,26 +177,6 @@ def test_a_free_motion_is_watched_until_nothing_can_widen_its_reach(h):
     pieces = in_pieces(points, 0, periods, 0, extremes=True, steps_per_period=n)
     for name in NAMES:
         np.testing.assert_array_equal(whole[name], pieces[name], err_msg=name)
-
-
-@pytest.mark.parametrize("phase", [0.0, 1.0, 5.0])
-def test_a_distant_stop_does_not_widen_the_bound_of_a_turn(phase):
-    """A step from rest differs from its cubic by less than half the bound, and not far less."""
-    workspace, grid = new_workspace(EXACT_COLUMNS), one_period(phase, 9)
-    lanes = workspace.lanes
-    for i, clearance in enumerate((3.0, 300.0)):
-        osc = Oscillator(h=0.05, R=0.8, omega=1.3, f=1.0, clearance=clearance)
-        workspace.points[i] = osc.at()[0]
-        set_propagator.py_func(workspace, i, grid)
-        set_steady.py_func(lanes, i, workspace.points[i], grid)
-        t = (phase + np.linspace(0.0, grid.phase_step, 99)) / osc.omega
-        x, v = ClosedForm(osc, t[0], 0.0, 0.0)(t)
-        lanes[CLEARANCE + i], lanes[Y + i], lanes[W + i] = clearance, -clearance, 0.0
-        lanes[Y + ROW + i], lanes[W + ROW + i] = x[-1] - clearance, v[-1] / osc.omega
-        lanes[LEAST + i], lanes[MOST + i] = math.inf, -math.inf
-        widen_by_lane.py_func(workspace, i, grid, 0)
-        off = abs(CubicHermiteSpline(t[[0, -1]], x[[0, -1]], v[[0, -1]])(t) - x).max()
-        assert 2.0 * off < workspace.turns[BOUND + i] < 25.0 * off
 
 
 def near_free_oscillations(count, seed):

@@ -250,19 +250,6 @@ def test_a_moving_mass_with_few_digits_is_not_certified_because_it_rests(transie
         assert len(tr.rests) and tr.status is Status.COMPUTED
 
 
-def test_a_rest_between_flights_with_few_digits():
-    """The first sections are right; at the eighth, the velocity has lost its first digit."""
-    osc = Oscillator(
-        h=0.0, R=0.39963275237141893, omega=1.6353677213777558, f=5.161432055453322,
-        p=3.238714805560474e-06, clearance=-275723275565.7422,
-    )  # fmt: skip
-    start = osc.at(osc.clearance, -0.6259988688004626)
-    out = integrate(start, transient=0, periods=12, steps_per_period=20)
-    assert out["poincare_v"][0, 2] == pytest.approx(0.4858874596994528, rel=1e-12)
-    assert abs(out["poincare_v"][0, 7] - 0.4858874596994528) > 0.1
-    assert out["status"] == Status.COMPUTED and out["chatters"] > 0
-
-
 def test_a_mass_that_is_held_keeps_its_digits():
     points = resting_points(100, 8, 9.5, 15.0)
     points["f"] *= 0.04

@@ -160,11 +160,11 @@ def changed(monkeypatch, tmp_path):
     return (tmp_path / "sitecustomize.py").write_text
 
 
-#: In place of the trial: the first process tells that it has compiled, the second one crashes.
-CRASHING = """
+#: In place of the trial: both processes tell that they have compiled, or the second one crashes.
+STAND_IN = """
 import os
 compiled = os.environ["NUMBA_CACHE_DIR"] + "/code"
-if os.path.exists(compiled):
+if os.path.exists(compiled) and CRASHES:
     os.abort()
 open(compiled, "w").close()
 print("private compiled", flush=True)
@@ -185,11 +185,16 @@ def test_an_unknown_numba_is_checked_once_and_named(changed, numba_99):
     assert_told_once("private", "numba 99.0.0 is used with its private parts, .* a check held")
 
 
-def test_a_check_whose_second_process_crashes_has_failed(monkeypatch, changed, numba_99):
+@pytest.mark.parametrize(
+    ("crashes", "told"), [(True, r"its process ended with -\d"), (False, "private compiled")]
+)
+def test_a_check_whose_second_process_crashes_or_loads_nothing_has_failed(
+    monkeypatch, changed, numba_99, crashes, told
+):
     check = way._why_it_fails
     monkeypatch.setattr(way, "_why_it_fails", lambda name: name == "private" and check(name))
-    changed(CRASHING)
-    assert_told_once("options", r"options alone, .* its process ended with -\d")
+    changed(STAND_IN.replace("CRASHES", str(crashes)))
+    assert_told_once("options", f"options alone, .* {told}")
 
 
 @pytest.mark.slow

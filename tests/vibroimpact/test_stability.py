@@ -13,7 +13,6 @@ from tests.helpers import naive
 from tests.helpers.kernel_cases import integrated
 from tests.helpers.places import ROOT
 from vibroimpact import Oscillator, Status, integrate, simulate
-from vibroimpact.oscillator import POINT
 from vibroimpact.step.integrators import INTEGRATORS, free_map, spectral_radius
 from vibroimpact.step.scheme import MOST_STEPS, default_steps, least_stable_steps
 
@@ -88,38 +87,6 @@ def test_no_step_is_stable():
     assert least_stable_steps("euler", [0.0, 0.5], 1.0, 1.0).tolist() == [math.inf, 7]
 
 
-def exploding(name, n, steps):
-    """Points all over the domain at which steps are 1.02 to 1.8 times too long."""
-    rng = np.random.default_rng(5)
-    points = np.zeros(n, dtype=POINT)
-    points["p"] = 10.0 ** rng.uniform(-3.0, 3.0, n)
-    zeta = rng.exponential(0.5, n) * (rng.random(n) > 0.2)
-    limit = np.maximum(INTEGRATORS[name].limit(zeta), 0.1)
-    points["h"] = zeta * points["p"]
-    points["omega"] = 2.0 * np.pi * points["p"] / (steps * limit * rng.uniform(1.02, 1.8, n))
-    points["R"], points["f"] = rng.choice([0.0, 0.3, 0.8, 0.95, 1.0], n), 1.0
-    points["clearance"] = rng.normal(0.0, 1.0, n) / points["p"] ** 2
-    points["x0"] = points["clearance"] - rng.exponential(1.0, n) / points["p"] ** 2
-    return points
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", ["euler", "verlet", "rk4"])
-@pytest.mark.parametrize("rule", ["plain", "reduced-step", "cubic"])
-def test_an_unstable_run_ends_and_no_overflow_is_called_computed(name, rule):
-    """Unless impacts hold the motion, the status says that it has NaN or its energy overflows."""
-    points = exploding(name, 256, 8)
-    out = integrated(points, name, rule, 8, periods=400)
-    failed = np.isin(out["status"], (Status.UNRESOLVED, Status.NON_FINITE))
-    assert 0 < failed.sum() < 256
-    assert not (np.abs(out["poincare_x"][failed]).max(axis=1) < 1e100).any()
-    assert np.isfinite(out["poincare_x"][~failed]).all()
-    assert np.isfinite(out["poincare_v"][~failed]).all()
-    assert np.isfinite(out["energy_lost"][~failed]).all()
-    assert np.isfinite(out["max_penetration"][~failed]).all()
-    assert not np.isinf(out["impact_v"][~failed]).any()
-
-
 @pytest.mark.parametrize("rule", ["reduced-step", "cubic"])
 def test_a_motion_that_overflows_within_a_step_ends(rule):
     """Euler at 1.2 times its limit, R = 1: times within a step overflow before the state does."""
@@ -183,18 +150,18 @@ SMALLEST_NORMAL = sys.float_info.min
 
 
 @pytest.mark.parametrize(
-    ("program", "few", "many"),
-    [("fuzz_steps.py", 2_000, 1_000_000), ("hostile_calls.py", 25, 10_000)],
-)
-@pytest.mark.parametrize(
-    "seed", [pytest.param(1, marks=pytest.mark.slow), pytest.param(2, marks=pytest.mark.campaign)]
-)
-def test_every_step_and_every_call_ends(program, few, many, seed):
-    """In a process of their own, so that a hang is a failure and not a hung suite."""
-    words = ROOT / "tests/helpers" / program, seed, few if seed == 1 else many
-    command = [sys.executable, "-W", "error", *map(str, words)]
-    seconds = 300 if seed == 1 else 3600
-    done = subprocess.run(command, capture_output=True, text=True, timeout=seconds)
+    ("seed", "steps", "calls"),
+    [pytest.param(1, 2_000, 25, marks=pytest.mark.slow),
+     pytest.param(2, 1_000_000, 10_000, marks=pytest.mark.campaign)],
+)  # fmt: skip
+def test_every_step_and_every_call_ends(seed, steps, calls):
+    """In a process of its own, so that a hang is a failure and not a hung suite."""
+    code = (
+        "from tests.helpers import fuzz_steps, hostile_calls\n"
+        f"fuzz_steps.main({seed}, {steps})\nhostile_calls.main({seed}, {calls})\n"
+    )
+    command, seconds = [sys.executable, "-W", "error", "-c", code], 300 if seed == 1 else 7200
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=seconds)
     assert done.returncode == 0, done.stdout + done.stderr
 
 

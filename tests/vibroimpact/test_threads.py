@@ -135,13 +135,6 @@ def test_an_interrupted_run_keeps_the_points_that_are_complete(rule, integrator)
             assert (out[name][pending] == 0).all()
 
 
-def test_users_cannot_give_the_memory_that_the_kernel_polls():
-    """The kernel would read an array of another size or type outside its bounds."""
-    for wrong in (np.zeros(0, np.int64), np.zeros(1)):
-        with pytest.raises(TypeError, match="interrupt"):
-            integrate(one(), periods=1, interrupt=wrong)
-
-
 def test_a_run_of_days_ends_when_it_is_interrupted():
     """Also one whose point would take days, and one that is interrupted before it begins."""
     interrupt, chaos = np.zeros(1, np.int64), one(h=0.0, R=0.8, omega=2.8)

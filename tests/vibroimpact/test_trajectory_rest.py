@@ -42,21 +42,6 @@ THREE = [("rk4", "reduced-step"), ("rk4", "cubic"), ("exact", "exact")]
 
 
 @pytest.mark.parametrize(("integrator", "rule"), THREE)
-def test_a_preload_beyond_the_force_rests_for_ever(integrator, rule):
-    """clearance = -2, f = 1: from the start, and after a fall onto the stop."""
-    osc = oscillator(0.1, 0.5, clearance=-2.0)
-    tr = simulate(osc, 5, integrator, rule, 100, x0=-2.0)
-    np.testing.assert_array_equal(tr.rests, [[0.0, math.inf]])
-    np.testing.assert_array_equal(tr.x, -2.0)
-    np.testing.assert_array_equal(tr.v, 0.0)
-    tr = simulate(osc, 5, integrator, rule, 100, x0=-3.0)
-    assert tr.rests.shape == (1, 2)
-    assert 0.0 < tr.rests[0, 0] < 4.0
-    assert tr.rests[0, 1] == math.inf
-    assert len(tr.impact_t) > 2
-
-
-@pytest.mark.parametrize(("integrator", "rule"), THREE)
 def test_a_force_that_only_just_does_not_lift_the_mass(integrator, rule):
     """p^2 |clearance| = f: from the stop, and after a fall onto it, also as lanes do it."""
     rng = np.random.default_rng(4)

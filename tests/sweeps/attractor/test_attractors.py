@@ -5,12 +5,12 @@ from itertools import product
 import numpy as np
 import pytest
 
-from sweeps import attractors, open_sweep
+from sweeps import attractors
 from sweeps.attractor.attractor_table import attractor_rows
 from sweeps.opened.opened_sweep import OpenedSweep
 from tests.helpers.commands import call
 from tests.helpers.motions import partition
-from tests.helpers.sweep_files import run_in, swept
+from tests.helpers.sweep_files import swept
 from vibroimpact import Oscillator, one_impact_orbit
 from vibroimpact.points.regimes import Regime
 from vibroimpact.status import Status
@@ -184,53 +184,6 @@ def test_what_never_repeats_is_unknown_and_no_attractor(computed_starts):
     lines = call("attractors", dataset.encoding["source"]).stdout.splitlines()
     assert lines[1].split()[:2] == ["-", "unknown"]
     assert lines[-1] == "100.0 % of the starts are unknown, which is no attractor"
-
-
-@pytest.mark.parametrize(
-    "places",
-    [pytest.param(3, marks=pytest.mark.slow), pytest.param(60, marks=pytest.mark.campaign)],
-)
-def test_the_shares_are_those_of_runs_that_are_long_enough(tmp_path, places):
-    """At random places; sections of long runs are compared start by start."""
-    random = np.random.default_rng(8)  # motions coexist at two of the first six places
-    several = 0
-    for _ in range(places):
-        h, R = 10.0 ** random.uniform(-2.3, -0.5), random.uniform(0.3, 0.98)
-        omega, clearance = random.uniform(0.5, 4.0), random.choice([0.0, random.uniform(-0.5, 1.0)])
-        text = (
-            f"oscillator: {{h: {h}, R: {R}, omega: {omega}, f: 1.0, clearance: {clearance}}}\n"
-            f"start: {{x0: {{start: -2.5, stop: {clearance}, num: 20}}, "
-            "v0: {start: -2.0, stop: 2.0, num: 20}}\n"
-            "record: {transient: 50, periods: 32, impacts: 4, diagnostics: [period]}\n"
-        )
-        short = run_in(tmp_path, text, name="short.h5", overwrite=True)
-        longer = "record.transient=5000", "record.periods=128"
-        long = run_in(tmp_path, text, *longer, name="long.h5", overwrite=True)
-        with open_sweep(short) as dataset, open_sweep(long) as settled:
-            found = attractors(dataset)
-            assert not (found["motion"] == Regime.UNKNOWN).any()
-            got = sorted(found["fraction"].values[found["number"].values >= 0])
-            shares = sorted(long_run_shares(settled))
-        several += len(shares) > 1
-        assert len(got) == len(shares)
-        error = 3.0 * np.sqrt(np.array(shares) * (1.0 - np.array(shares)) / 400.0)
-        assert (np.abs(np.array(got) - shares) <= error + 1e-12).all()
-    assert several >= max(1, places // 7)
-
-
-def long_run_shares(dataset):
-    """Return the share of the starts on each attractor: by the points in their sections."""
-    x, v = (dataset[name].values.reshape(400, -1) for name in ("poincare_x", "poincare_v"))
-    rests = dataset["rest_fraction"].values.ravel() > 0.0
-    period, kinds = dataset["period"].values.ravel(), []
-    for i in range(400):
-        if rests[i] or not period[i]:
-            kinds.append("rest" if rests[i] else "chaos")
-            continue
-        m = period[i]
-        lowest = np.argmin(x[i, -m:])
-        kinds.append((m, round(x[i, -m:][lowest], 4), round(v[i, -m:][lowest], 3)))
-    return [kinds.count(kind) / 400.0 for kind in set(kinds)]
 
 
 def test_a_motion_that_fails_while_it_is_followed_has_no_attractor():

@@ -7,10 +7,8 @@ import numpy as np
 import pytest
 
 from sweeps import attractors, run_sweep
-from sweeps.attractor.attractor_table import attractor_rows
 from sweeps.attractor.tracking import MAX_DISTANCE, mutually_nearest, track
 from sweeps.opened.motions import Cycles, distances
-from sweeps.opened.opened_sweep import OpenedSweep
 from tests.helpers.motions import cycle, given_sections, partition
 from tests.sweeps.attractor.test_attractor_identity import cycles_of
 from vibroimpact.points.regimes import Regime
@@ -113,24 +111,6 @@ def test_an_identity_survives_an_impact_that_passes_the_section():
         t = 0.02 * (i - 10)
         points[i, 0] = (0.5 * t, 0.5) if t < 0 else (-0.4 * t, -0.4)
     assert len(set(along(points, 1)[:, 0])) == 1
-
-
-@pytest.mark.slow
-def test_identities_on_a_sweep_over_omega(computed_starts):
-    """The orbit of one impact per period, stable from 1.26 on, through its flip at 2.655.
-
-    At omega = 2 its impact passes the section, and where 2/3 coexists, the other keeps its own.
-    """
-    dataset = computed_starts(
-        "oscillator={h: 0.02, R: 0.8, omega: {start: 1.27, stop: 2.69, num: 143}, f: 1.0}",
-        "start={x0: [-1.6, -0.8, 0.0], v0: [-1.0, 0.0, 1.0]}",
-    )
-    table = attractor_rows(OpenedSweep(dataset), attractors(dataset))
-    single = {row.number for row in table if row.name == "1/1"}
-    double = {row.number for row in table if row.name == "2/2"}
-    three = {row.number for row in table if row.name == "2/3"}
-    assert len(single) == 1 and single == double
-    assert len(three) == 1 and three.isdisjoint(single)
 
 
 def test_an_attractor_that_no_start_reaches_at_a_few_values_keeps_its_number(computed_starts):
