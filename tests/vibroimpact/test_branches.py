@@ -56,19 +56,6 @@ def test_a_branch_is_stable_between_its_known_flips(h, R, n, flips):
             assert np.abs(point.orbit.multipliers + 1.0).min() < 1e-12
 
 
-@pytest.mark.parametrize(
-    ("h", "R", "graze"),
-    [(0.05, 0.8, 1.01658832780028), (0.1, 0.5, 1.11292970401963), (0.5, 1.0, 1.11561617993669)],
-)
-def test_a_branch_ends_in_its_known_graze(h, R, graze):
-    found = branch(one_impact_orbit(replace(LIGHT, h=h, R=R)), "omega", 0.9, 2.5)
-    (point,) = [point for point in found.special if point.kind == "graze"]
-    assert point.value == pytest.approx(graze, abs=1e-14 * 50)
-    assert found.values.min() == pytest.approx(point.value, abs=1e-14)
-    assert point.orbit.q == 2 and point.orbit.speeds.min() == 0.0
-    assert np.isinf(point.orbit.multipliers[0])
-
-
 def test_a_flight_that_passes_the_stop_only_within_a_step_ends_the_branch():
     """By at most 6e-6, over a window of 1.3e-3 of omega; a step there is longer unless halved."""
     osc = Oscillator(h=0.1, R=0.7777, omega=2.1, f=1.0, clearance=0.4)
@@ -118,14 +105,6 @@ def test_without_restitution_a_branch_ends_where_the_mass_cannot_leave_the_stop(
     found = branch(one_impact_orbit(osc), "clearance", -0.5, 0.0)
     assert special(found, "rest") == pytest.approx([expected], abs=1e-14)
     assert found.values.min() == special(found, "rest")[0]
-
-
-def test_the_free_oscillation_is_a_branch_to_its_graze():
-    start = periodic_orbit(replace(AHEAD, omega=1.9), 0.0, 0.0)
-    found = branch(start, "omega", 1.2, 2.0)
-    assert (found.m, found.q) == (1, 0)
-    assert special(found, "graze") == pytest.approx([1.4], abs=1e-14)
-    assert found.stable[1:].all()
 
 
 def test_the_free_oscillation_is_not_stable_without_damping():

@@ -218,18 +218,6 @@ def test_a_stable_orbit_has_the_logarithms_of_its_multipliers(h, omega, R, n):
     np.testing.assert_allclose(found, known, atol=2e-3 if turning else 1e-8)
 
 
-def test_a_preload_that_holds_the_mass_leaves_no_neighbours():
-    """It rests before the record begins, and is never released: all of each record is rest."""
-    omega = np.linspace(0.3, 4.0, 200)
-    points = Oscillator(h=0.1, R=0.8, omega=1.0, f=0.5, clearance=-1.0).at(-1.3, 0.0).repeat(200)
-    points["omega"] = omega
-    out = integrate(points, transient=40, periods=7, lyapunov=True)
-    assert (out["impacts_per_period"] == 0.0).all()
-    assert (out["rest_fraction"] <= 1.0).all()
-    np.testing.assert_allclose(out["rest_fraction"], 1.0, rtol=1e-14)
-    assert (out["lyapunov"] == -np.inf).all()
-
-
 def test_without_restitution_one_impact_leaves_a_line_of_neighbours():
     """R = 0: the second exponent is -inf from the first impact on, the first one is finite.
 

@@ -114,19 +114,6 @@ def test_a_free_motion_keeps_all_digits_however_far_the_stop_is(transient, n):
             assert classes["orbit_distance"][i] >= 0.3 * (off / sizes).max() - 1e-10
 
 
-def test_the_free_motion_in_front_of_a_stop_that_is_switched_off():
-    """h = .1, omega = 2.3, from rest: the values of an independent program."""
-    osc = Oscillator(h=0.1, R=0.8, omega=2.3, f=1.0, clearance=1e12)
-    out = integrate(osc.at(), transient=300, periods=20, extremes=True)
-    assert out["status"] == Status.CERTIFIED
-    assert out["poincare_x"][0, -1] == pytest.approx(0.0247103251556482, rel=1e-13)
-    assert out["poincare_v"][0, -1] == pytest.approx(0.5300364745886537, rel=1e-13)
-    assert out["x_max"][0] == pytest.approx(0.23177165090763927, rel=1e-13)
-    tr = simulate(osc, 20, transient=300)
-    np.testing.assert_array_equal(tr.section_x, out["poincare_x"][0])
-    assert (tr.status, tr.x_max, tr.max_penetration) == (Status.CERTIFIED, out["x_max"][0], 0.0)
-
-
 @pytest.mark.parametrize(
     ("changed", "start"),
     [

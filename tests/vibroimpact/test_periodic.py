@@ -20,7 +20,6 @@ from vibroimpact.oscillator import Oscillator
 from vibroimpact.step.polynomial import LONGEST_STEP
 from vibroimpact.step.recorder import trace
 from vibroimpact.step.scheme import scheme_of
-from vibroimpact.trajectory import simulate
 
 LIGHT = Oscillator(h=0.05, R=0.8, omega=2.6, f=1.0)
 FLIP = 2.65888454668484
@@ -87,16 +86,6 @@ def test_a_motion_that_rests_is_refused_with_the_reason(phase):
     osc = Oscillator(h=0.0, R=0.5, omega=0.5, f=1.0)
     with pytest.raises(OrbitError, match="rests on the stop"):
         periodic_orbit(osc, -0.5, 0.5, phase=phase)
-
-
-def test_the_free_oscillation_has_the_multipliers_of_the_flow():
-    osc = Oscillator(h=0.1, R=0.8, omega=0.7, f=0.1, clearance=1.0)
-    found = periodic_orbit(osc, 0.0, 0.0)
-    assert found.q == 0
-    decay = math.exp(-0.1 * osc.forcing_period)
-    assert np.abs(found.multipliers) == pytest.approx([decay, decay], rel=1e-12)
-    run = simulate(osc, 200)
-    assert found.sections()[0] == pytest.approx([run.section_x[-1], run.section_v[-1]], abs=1e-8)
 
 
 def test_there_may_be_no_orbit():

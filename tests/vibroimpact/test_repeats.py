@@ -173,17 +173,6 @@ def test_a_record_of_one_period_that_ends_where_it_began_has_a_class():
     np.testing.assert_array_equal(classes_of(points[returned], 0, 1)["m"], 1)
 
 
-def test_chaos_does_not_come_back():
-    """Of motions with a positive exponent none repeats within the record."""
-    points = one(h=0.1, R=0.8, omega=2.95).repeat(64)
-    points["omega"] += np.linspace(-1e-3, 1e-3, 64)
-    out = integrate(points, transient=500, periods=1500, lyapunov=True)
-    chaotic = out["lyapunov"][:, 0] > 0.05
-    assert chaotic.mean() > 0.5
-    found = classes_of(points[chaotic], 500, 1500)
-    assert (found["m"] == 0).all()
-
-
 def recorded(points, rule="exact", integrator="exact", periods=128):
     """Return the results of a run with classes, after 200 periods."""
     scheme, none = scheme_of(points, integrator, rule, None), np.zeros(1, np.int64)

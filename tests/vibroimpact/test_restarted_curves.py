@@ -140,19 +140,6 @@ def random_curve(seed):
     return None
 
 
-def test_a_long_curve_of_many_turns_does_not_close():
-    """It came within a step of where it began, on another of its turns."""
-    osc = Oscillator(
-        h=0.0076112195997008565, R=0.21969103188970643, omega=0.709535356486317, f=1.0,
-        p=7.064414268055987, clearance=0.021087063477105754,
-    )  # fmt: skip
-    phases, speeds = (4.434195288164138, 4.994064187039045), (0.0027527118289783054, 0.0)
-    start = PeriodicOrbit(osc, 1, np.array(phases), np.array(speeds), "graze")
-    ranges = ("clearance", -0.02827017107024199, 28.591931571903142), ("p", 0.05, 20.0)
-    special = bifurcation_curve(start, "graze", *ranges).special
-    assert [special[i].kind for i in (0, -1)] == ["edge", "edge"] and len(special) > 100
-
-
 @pytest.mark.parametrize("seed", [1077, 1406, 20184, 30420, 31003])
 def test_a_curve_is_the_same_on_both_sides_of_where_another_passes_or_crosses_it(seed):
     """Curves of flips that turn within a step, and another goes on, in the third beyond an edge.

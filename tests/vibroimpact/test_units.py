@@ -13,8 +13,6 @@ from vibroimpact import (
     bifurcation_curve,
     branch,
     one_impact_orbits,
-    periodic_orbit,
-    simulate,
 )
 from vibroimpact.kernel.integrate import Length, run_points
 from vibroimpact.natural_units import NaturalUnits
@@ -213,25 +211,3 @@ def test_units_change_no_bit_of_branches_and_curves(count, seed):
             assert_same(branch_numbers(own, curve), branch_numbers(units, scaled), message)
             seen[kind] += 1
     assert min(seen.values()) > 0 and sum(seen.values()) > count // 4, seen
-
-
-def test_units_change_no_bit_of_orbits():
-    own, one_impact, any_orbit = NaturalUnits(0, 0), 0, 0
-    for i, (osc, n) in enumerate(random_oscillators(40, 8)):
-        units = NaturalUnits(*EXPONENTS[i % len(EXPONENTS)])
-        scaled = oscillator_out_of(units, osc)
-        pairs = zip(one_impact_orbits(osc, n), one_impact_orbits(scaled, n), strict=True)
-        for orbit, other in pairs:
-            assert_same(orbit_numbers(own, orbit), orbit_numbers(units, other), str(orbit))
-            one_impact += 1
-        run = simulate(osc, 40, x0=min(0.0, osc.clearance))
-        state = [float(run.section_x[-1]), float(run.section_v[-1])]
-        try:
-            orbit = periodic_orbit(osc, *state, n)
-        except OrbitError:
-            continue
-        x, v = units.out_of("length", state[0]), units.out_of("length/time", state[1])
-        other = periodic_orbit(scaled, x, v, n)
-        assert_same(orbit_numbers(own, orbit), orbit_numbers(units, other), str(osc))
-        any_orbit += 1
-    assert one_impact > 10 and any_orbit > 10
