@@ -48,7 +48,7 @@ def test_no_other_user_reaches_the_processes_of_this_machine(capfd):
     """Every listening port requires the certificate of the run, or serves nothing."""
     others = listening()
     with clusters.connected("local:1") as client:
-        run_sweep(load(CONFIG), "out.h5", client=client)
+        run_sweep(load(CONFIG), "there.h5", client=client)
         address = client.scheduler.address
         (worker,) = client.nthreads()
         ports = listening() - others
@@ -67,7 +67,7 @@ def test_no_other_user_reaches_the_processes_of_this_machine(capfd):
                 with pytest.raises(urllib.error.HTTPError, match="404"):
                     urllib.request.urlopen(f"http://{host}:{port}{path}", timeout=300)
     assert capfd.readouterr() == ("", "")  # of the worker, too
-    assert_same_bits("out.h5")
+    assert_same_bits("there.h5")
 
 
 def listening():
