@@ -11,7 +11,6 @@ as well.
 from __future__ import annotations
 
 import _thread
-import os
 import signal
 import sys
 import threading
@@ -62,11 +61,6 @@ def check() -> None:
         raise Cancelled
 
 
-def without_waiting(path: str, flags: int) -> int:
-    """Open a file, but do not wait for the writer of a FIFO, which no `check` could end."""
-    return os.open(path, flags | getattr(os, "O_NONBLOCK", 0))
-
-
 def listen(came: Sequence[int] = ()) -> None:
     """Make the signals set the flag, except those that are ignored, for example by ``nohup``.
 
@@ -110,9 +104,9 @@ def raised_at_once() -> Iterator[None]:
             kill = getattr(signal, "pthread_kill", lambda _, again: _thread.interrupt_main(again))
             kill(main.ident, number)
 
-    def swallowed(about: Any) -> None:
-        if about.exc_type is not Cancelled:
-            report(about)
+    def swallowed(unraisable: Any) -> None:
+        if unraisable.exc_type is not Cancelled:
+            report(unraisable)
 
     try:
         sys.unraisablehook = swallowed

@@ -223,8 +223,8 @@ def _by_rank(
         missing = {"f": np.nan, "b": False}.get(values.dtype.kind, -1)
         grid = np.full((*index.shape, int(rank.max(initial=0)) + 1), missing, values.dtype)
         grid.reshape(-1, grid.shape[-1])[parameter, rank] = values
-        about = description_in(sweep.attrs, *ATTRACTOR_COLUMNS[name])
-        data[name] = (*index.parameters, "coexisting"), grid, about
+        attributes = description_in(sweep.attrs, *ATTRACTOR_COLUMNS[name])
+        data[name] = (*index.parameters, "coexisting"), grid, attributes
     data["motion"][2]["flag_values"] = np.array(list(Regime))
     data["motion"][2]["flag_meanings"] = " ".join(regime.word for regime in Regime)
     return data

@@ -100,10 +100,10 @@ def with_measures(sweep: OpenedSweep, result: xr.Dataset) -> xr.Dataset:
         w = 1.0 / points["p"][n]
         states = sections[n, : periods[n]]
         measures[:, i, k] = measures_of(basin, x, v, w, points["clearance"][n], states)
-    for (name, about), values in zip(_BASIN_MEASURES.items(), measures, strict=True):
+    for (name, meaning), values in zip(_BASIN_MEASURES.items(), measures, strict=True):
         shaped = values.reshape(result["number"].shape)
         shaped = shaped == 1.0 if name.endswith("edge") else shaped
-        result[name] = (result["number"].dims, shaped, description_in(sweep.attrs, *about))
+        result[name] = (result["number"].dims, shaped, description_in(sweep.attrs, *meaning))
     return result
 
 

@@ -135,8 +135,8 @@ def knocks(
     columns = zip(*rows, strict=True)
     return found.assign(
         {
-            f"knock_{name}": ("coexisting", list(column), description_in(starts.attrs, *about))
-            for (name, about), column in zip(_KNOCK_FIELDS.items(), columns, strict=True)
+            f"knock_{name}": ("coexisting", list(column), description_in(starts.attrs, *meaning))
+            for (name, meaning), column in zip(_KNOCK_FIELDS.items(), columns, strict=True)
         }
     )
 

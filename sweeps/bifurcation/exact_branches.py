@@ -209,11 +209,11 @@ def _as_dataset(
     for name, variable in COORDINATES.items():
         data[name] = ("point", variable.dimension), _padded([record[name] for record in records])
     lines = _summary(tree, left_out)
-    about = {
+    attributes = {
         "summary": "\n".join(lines), "given_up": "; ".join(lines[1:]), "phase": phase,
         "range": [tree.low, tree.high],
     }  # fmt: skip
-    return rows.assign(data).assign_attrs(about)
+    return rows.assign(data).assign_attrs(attributes)
 
 
 def _smooth(tree: BranchSet, phase: float, report: Callable[[float], object]) -> list[Branch]:

@@ -81,15 +81,17 @@ def new_file(called: str, ending: str, what: str, help: str, *others: str, **set
     return option("FILE", help, called, *others, callback=check, **settings)
 
 
-def scenes(ending: str = ".yaml") -> Mapping[str, str]:
-    """Return the text of every scene by its name; with ``.csv``, the tables that scenes have."""
-    from importlib.resources import files
-
-    folder = files("sweeps") / "scenes"
+def scene_files(ending: str = ".yaml") -> list[Path]:
+    """Return the file of every scene; with ``.csv``, the tables that scenes have."""
+    folder = Path(__file__).parents[1] / "scenes"
     if not folder.is_dir():  # in a checkout
         folder = Path(__file__).parents[2] / "configs"
-    names = sorted(file.name for file in folder.iterdir() if file.name.endswith(ending))
-    return {Path(name).stem: (folder / name).read_text(encoding="utf-8") for name in names}
+    return sorted(folder.glob(f"*{ending}"))
+
+
+def scenes(ending: str = ".yaml") -> Mapping[str, str]:
+    """Return the text of every scene, or of its table, by its name."""
+    return {path.stem: path.read_text(encoding="utf-8") for path in scene_files(ending)}
 
 
 def _completion(names: Completions | None) -> Callable[[str], list[str]] | None:
@@ -183,13 +185,6 @@ def limits_option(axis: str, text: str | None) -> dict[str, Any]:
     if limits is None:
         raise Refused(refusal(f"--{axis}lim {text}", f"{LIMITS}, as 2.4:3"))
     return {f"{axis}lim": limits, f"{axis}unit": unit}
-
-
-def existing_output(resume: bool, overwrite: bool) -> dict[str, bool]:
-    """Return arguments of `run_sweep` for an existing output; refuse both options together."""
-    if resume and overwrite:
-        raise Refused("--resume and --overwrite exclude each other; give one of them")
-    return {"overwrite": overwrite, "resume": resume}
 
 
 def resuming() -> str:
@@ -317,8 +312,9 @@ def say_moved(sweep: OpenedSweep, requested: Selection, verb: str) -> None:
     """Report each requested value that is not on the grid, and the value used instead."""
     cut = sweep.isel(sweep.indices(requested))
     for name, value in requested.items():
-        if isinstance(value, float) and not math.isclose(value, cut[name].item(), rel_tol=1e-9):
-            text, grid_value = told_apart(value, cut[name].item())
+        used = cut[name].item()
+        if isinstance(value, float) and abs(value - used) > sweep.slack(name):
+            text, grid_value = told_apart(value, used)
             say(f"{name} = {text} is not on the grid; {verb} at {name} = {grid_value}", error=True)
 
 

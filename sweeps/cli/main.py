@@ -40,16 +40,6 @@ class Command(TyperCommand):
             raise
 
 
-class InitCommand(Command):
-    """The command ``init``, whose help lists the scenes."""
-
-    def format_epilog(self, ctx: Any, formatter: Any) -> None:
-        """Write the names of the scenes at the end of the help."""
-        with formatter.section("Scenes"):
-            names = textwrap.wrap(", ".join(common.scenes()), 76, break_on_hyphens=False)
-            formatter.write("".join(f"  {line}\n" for line in names))
-
-
 class Commands(TyperGroup):
     """A group of commands: help if none is given, and a refusal of a name that none has."""
 
@@ -140,7 +130,7 @@ def init_command(
     scene: str = common.argument("SCENE", "The name of a scene.", "quickstart", common.scenes),
 ) -> None:
     """Write a scene to this folder: its configuration with comments, and its table, if any."""
-    from sweeps.store.replacing import check_target, writing
+    from sweeps.store.replacing import writing
 
     texts = common.scenes()
     if scene not in texts:
@@ -151,9 +141,10 @@ def init_command(
     files = {f"{scene}{ending}": common.scenes(ending).get(scene) for ending in (".csv", ".yaml")}
     new_texts = {Path(name): text for name, text in files.items() if text is not None}
     for path in new_texts:
-        check_target(path, "configuration", only_new=True)
+        if os.path.lexists(path):
+            raise Refused(f"{path} exists, and is not replaced; remove it, or rename it")
     for path, text in new_texts.items():
-        with writing(path, "configuration", only_new=True) as new:
+        with writing(path, "configuration") as new:
             new.write(text.encode())
         common.say(path)
     common.say(f"next: vibroimpact run {scene}.yaml")
@@ -290,18 +281,21 @@ def speed(
         )
 
 
-def _add(
-    group: typer.Typer, *commands: Callable[..., None], cls: type[TyperCommand] = Command
-) -> None:
+def _add(group: typer.Typer, *commands: Callable[..., None]) -> None:
     """Add the command ``run`` for ``run_command``, with its whole first line in the list."""
     for command in commands:
         name = command.__name__.removesuffix("_command").replace("_", "-")
-        group.command(name, cls=cls, short_help=command.__doc__)(command)
+        epilog = _SCENES if command is init_command else None
+        group.command(name, cls=Command, short_help=command.__doc__, epilog=epilog)(command)
 
 
-_add(app, init_command, cls=InitCommand)
+#: The names of the scenes, none of which is split at a hyphen.
+_SCENES = "\b\nScenes:\n" + textwrap.fill(
+    ", ".join(path.stem for path in common.scene_files()), 76, break_on_hyphens=False
+)
 _add(
     app,
+    init_command,
     cli_run.run_command,
     cli_zoom.zoom_command,
     cli_run.explore_command,

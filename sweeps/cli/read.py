@@ -14,7 +14,7 @@ import typer
 from sweeps.cli import common
 from sweeps.errors import Refused
 from sweeps.text import progress_shown, shown_count
-from vibroimpact.inputs import number
+from vibroimpact.inputs import number, one_of
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -215,8 +215,7 @@ def export_command(
     """Write a row for every point, with its class and numbers, or every section or impact."""
     from sweeps.opened.export import ROWS, write_rows
 
-    if rows not in ROWS:
-        raise Refused(f"--rows {rows} is not allowed; expected: points, sections or impacts")
+    one_of(ROWS).checked("--rows", rows, Refused)
     cuts = common.selection_of(at)
     with common.opened_in_si(file) as sweep, common.named(file):
         cut = sweep.at_values({name: [value] for name, value in cuts.items()})

@@ -68,7 +68,7 @@ def run_command(
     from sweeps.store.paths import check_output
     from sweeps.store.schema import refuse_columns
 
-    existing = common.existing_output(resume, overwrite)
+    existing = {"overwrite": overwrite, "resume": resume}
     loaded = []
     for source in configs:
         check()

@@ -54,7 +54,7 @@ def zoom_command(
     from sweeps.plotting.saving import check_picture
     from sweeps.store.paths import check_output
 
-    existing = common.existing_output(resume, overwrite)
+    existing = {"overwrite": overwrite, "resume": resume}
     axes, coordinate, limits = _pieces_and_limits(pieces, coordinate)
     inches = common.inches("--width", width)
     page = Page(ylim=limits, yunit="", width=inches, title=title, grey=grey, marks=not no_marks)

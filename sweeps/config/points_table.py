@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import csv
 import math
-import os
 import re
-import stat
 from collections.abc import Callable, Iterator, Mapping
 from functools import partial
 from itertools import chain
@@ -19,7 +17,6 @@ from sweeps.config.groups import OscillatorConfig, StartConfig
 from sweeps.config.rig import RIG_PARAMETERS, RigConfig, model_name
 from sweeps.config.values import ConflictError, Elsewhere, null
 from sweeps.grid import table_values
-from sweeps.interrupts import without_waiting
 from sweeps.text import missing_text, near_misses, printable, shortened, shown_count, suggestion
 from vibroimpact.inputs import number_meant
 from vibroimpact.oscillator import PARAMETERS, Parameter
@@ -117,9 +114,7 @@ def _read_csv(
     path: Path, check_names: NamesCheck
 ) -> tuple[dict[str, np.ndarray], Mapping[str, Parameter]]:
     """Return the columns of a CSV file, and what those may hold that must be numbers."""
-    with open(path, encoding="utf-8-sig", newline="", opener=without_waiting) as file:
-        if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
-            raise ValueError("is not a regular file; expected: a CSV file")
+    with open(path, encoding="utf-8-sig", newline="") as file:
         names = header_of(file)
         parameters = check_names(names)
         rows = [*_rows(file, names)]

@@ -235,7 +235,7 @@ _COLUMNS: JsonSchema = {
 
 def json_schema() -> JsonSchema:
     """Return the JSON schema of a configuration file, including the bounds of every number."""
-    about = {"$schema": "https://json-schema.org/draft/2020-12/schema", "$id": _SCHEMA_ID}
+    head = {"$schema": "https://json-schema.org/draft/2020-12/schema", "$id": _SCHEMA_ID}
     schema = SweepConfig.model_json_schema()
     of_range = schema["$defs"]["Range"]
     of_range["required"].remove("num")
@@ -258,7 +258,7 @@ def json_schema() -> JsonSchema:
         required[name] = {"required": [key for key in keys if key not in (group.FORCES or ())]}
     table = {"required": ["points"], "properties": {"points": {"not": {"type": "null"}}}}
     whole = {"properties": required, "anyOf": [{"required": [name]} for name in groups]}
-    return {**about, **schema, "if": table, "else": whole}
+    return {**head, **schema, "if": table, "else": whole}
 
 
 def dotted_keys(deepest: int) -> list[str]:

@@ -93,11 +93,9 @@ def run_sweep(
     StoreError
         If the output is refused, is being written by another process or belongs to another
         sweep, or if there is too little disk space or memory.
-    Refused
-        If a worker has another version of the numerics.
     Failed
-        If the output cannot be written, the scheduler is lost, or a block fails on a worker. All
-        finished blocks are kept.
+        If the output cannot be written, the scheduler is lost, or a block fails on a worker, as on
+        one with another version of the numerics. All finished blocks are kept.
     ValueError
         If `threads` is given with a client.
 
@@ -113,8 +111,6 @@ def run_sweep(
     for (name, allowed), value in zip(_ARGUMENTS.items(), values, strict=True):
         if value is not None or allowed is FLAG:
             allowed.checked(name, value, Refused)
-    if overwrite and resume:
-        raise Refused("resume and overwrite exclude each other; give one of them")
     if client is not None and threads is not None:
         raise ValueError("threads is not allowed with a client, whose workers have their own")
     if not isinstance(config, SweepConfig):

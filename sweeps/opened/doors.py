@@ -218,15 +218,15 @@ def in_si(sweep: OpenedSweep) -> OpenedSweep:
         return sweep
     dataset, nomenclature = sweep.data, Nomenclature(rig)
     mass = dataset["mass"] if rig.mass_varies else xr.DataArray(rig.mass)
-    coordinates: dict[str, Any] = {"mass": (mass.dims, mass.values, _about(MASS))}
+    coordinates: dict[str, Any] = {"mass": (mass.dims, mass.values, _attributes(MASS))}
     for name in PARAMETERS:
         if name in QUANTITIES:
             model, called = dataset[name], nomenclature.name(name)
-            about = {**model.attrs, **_about(nomenclature.about(name))}
+            attributes = {**model.attrs, **_attributes(nomenclature.about(name))}
             typed = called != name and called in dataset.coords  # a column of the table
             masses = mass.values if rig.mass_varies else None
             values = dataset[called].values if typed else rig.in_si(name, model.values, masses)
-            coordinates[called] = model.dims, values, about
+            coordinates[called] = model.dims, values, attributes
     si = dataset.assign_coords(coordinates).assign(_results_in_si(dataset, mass))
     axes = (name for name in PARAMETERS if name in dataset.dims)
     si = si.swap_dims({name: nomenclature.name(name) for name in axes})
@@ -259,10 +259,10 @@ def _results_in_si(dataset: xr.Dataset, mass: xr.DataArray) -> xr.Dataset:
             if mass.dims:
                 scaled[name] = scaled[name].copy(data=scaled[name].values * mass.values)
             factor = {} if mass.dims else {"scale_factor": mass.item()}
-            scaled[name].attrs |= {**_about(QUANTITIES[name].description), **factor}
+            scaled[name].attrs |= {**_attributes(QUANTITIES[name].description), **factor}
     return xr.decode_cf(xr.Dataset(scaled), decode_times=False)
 
 
-def _about(quantity: Parameter) -> dict[str, str]:
+def _attributes(quantity: Parameter) -> dict[str, str]:
     """Return the attributes of a quantity of the rig, as a file has them for a parameter."""
     return {"long_name": quantity.meaning, "units": quantity.unit, "symbol": quantity.symbol}

@@ -50,8 +50,8 @@ def branch_table(branches: xr.Dataset, coordinate: str) -> pd.DataFrame:
     frame = orbits.loc[orbits.index.repeat(orbits["m" if dimension == "section" else "q"])]
     index = frame.groupby(level=0).cumcount()
     frame[dimension] = index + 1
-    for name, about in COORDINATES.items():
-        if about.dimension == dimension:
+    for name, variable in COORDINATES.items():
+        if variable.dimension == dimension:
             values = branches[name].values[frame.index, index]
             frame[name] = values % (2.0 * np.pi) if name == "impact_phase" else values
     return frame.reset_index(drop=True)
@@ -139,15 +139,15 @@ def _frame(cut: OpenedSweep, dimension: str | None) -> pd.DataFrame:
     """Return a row for each point, in the C order of the file, or for each record of a point."""
     data, dims = cut.data, [*cut.grid, *([dimension] if dimension else [])]
     parameters = dict.fromkeys([*cut.nomenclature.parameters, *cut.columns])
-    about = [name for name in parameters if name in data.coords and name not in dims]
+    described = [name for name in parameters if name in data.coords and name not in dims]
     if dimension is None:
         rows = data if dims else data.expand_dims("point")
         frame = rows.to_dataframe(dim_order=dims or ["point"]).reset_index()
         for name in FLAGS.keys() & set(frame):
             frame[name] = frame[name].map({int(flag): flag.name.lower() for flag in FLAGS[name]})
-        return frame[[*dims, *about, *data.data_vars]]
+        return frame[[*dims, *described, *data.data_vars]]
     results = [str(name) for name in data.data_vars if name != "status"]
-    columns = [name for name in about if data[name].dims]  # of a table
+    columns = [name for name in described if data[name].dims]  # of a table
     frame = data[results].to_dataframe(dim_order=dims).reset_index().dropna(subset=results)
     return frame[[*dims[:-1], *columns, dimension, *results]]
 
@@ -229,8 +229,8 @@ def headed(name: str, variable: xr.DataArray) -> str:
 
 def _unit(sweep: OpenedSweep, name: str) -> str:
     """Return the unit of a variable, in which a length or a time may have no name."""
-    about = PARAMETERS.get(name) or VARIABLES.get(name)
-    return sweep[name].attrs.get("units") or unit_in(sweep.attrs, about.unit if about else "1")
+    entry = PARAMETERS.get(name) or VARIABLES.get(name)
+    return sweep[name].attrs.get("units") or unit_in(sweep.attrs, entry.unit if entry else "1")
 
 
 def _sizes(variable: xr.DataArray) -> str:

@@ -265,12 +265,15 @@ class OpenedSweep:
                 raise Refused(f"{name} = {value} is not a number")
             values = self.data[name].values
             low, high = float(values.min()), float(values.max())
-            slack = 1e-9 * max(abs(low), abs(high))  # a user types 0.3 for a grid value of 0.1 * 3
-            if not low - slack <= value <= high + slack:
+            if not low - self.slack(name) <= value <= high + self.slack(name):
                 text, first, last = told_apart(value, low, high)
                 raise Refused(f"{name} = {text} is outside the sweep: {first} to {last}")
             indices[name] = int(np.argmin(np.abs(values - value)))
         return indices
+
+    def slack(self, axis: str) -> float:
+        """Return how far a typed value may be from one of an axis: 0.3 from 0.1 * 3."""
+        return 1e-9 * float(np.abs(self.data[axis].values).max())
 
     def _index_of_direction(self, name: str) -> int:
         """Return the index of a direction of the sweep; refuse any other name."""

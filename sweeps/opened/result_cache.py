@@ -39,8 +39,8 @@ def with_cache(
         """Look for a result on disk first."""
         code = [numerics_of(Path(__file__).parents[1] / room) for room in _ROOMS]
         call = [find.__name__, [each for each in request if not callable(each)], chosen]
-        about = sweep.config.to_yaml(), sweep.in_rig, sweep.grid
-        motions = _digest(about, sweep.data.coords, sweep.recorded_motions)
+        source = sweep.config.to_yaml(), sweep.in_rig, sweep.grid
+        motions = _digest(source, sweep.data.coords, sweep.recorded_motions)
         key = json.dumps([motions, NUMERICS, code, call], default=_plain, sort_keys=True)
         path = root() / "exact" / hashlib.sha256(key.encode()).hexdigest()[:24]
         if (earlier := _read(path, key)) is not None:
@@ -64,9 +64,9 @@ def _plain(value: Any) -> int | str:
     return _digest("", value.variables, {}) if isinstance(value, xr.Dataset) else int(value)
 
 
-def _digest(about: object, variables: Mapping[Any, Any], arrays: Mapping[str, np.ndarray]) -> str:
+def _digest(source: object, variables: Mapping[Any, Any], arrays: Mapping[str, np.ndarray]) -> str:
     """Return a digest of variables of xarray and of arrays, and of what else describes them."""
-    digest = hashlib.sha256(repr(about).encode())
+    digest = hashlib.sha256(repr(source).encode())
     by_name = {(name, *variable.dims): variable.values for name, variable in variables.items()}
     for name, values in [*by_name.items(), *arrays.items()]:
         numbers = values.astype(str) if values.dtype == object else values

@@ -190,12 +190,12 @@ class Parts:
     def _entry(self, number: int, verify: bool) -> Entry:
         """Return the entry of a block; refuse the block of another sweep, or a damaged one."""
         with self._open(number) as (file, current):
-            about = self._array(file, "about")
-            if (about["sweep"], about["number"]) != (self.sweep, number):
+            head = self._array(file, "about")
+            if (head["sweep"], head["number"]) != (self.sweep, number):
                 raise StoreError(f"{self.files[number]} belongs to another sweep")
             for member in file.namelist() if verify else ():
                 self._array(file, member.removesuffix(".npy"))
-        return Entry(int(about["samples"]), float(about["seconds"]), current)
+        return Entry(int(head["samples"]), float(head["seconds"]), current)
 
 
 def _joined(blocks: Sequence[Block], room: int) -> list[tuple[Block, list[int]]]:

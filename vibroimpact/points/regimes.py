@@ -199,13 +199,9 @@ def repetitions(
 def labels_of(
     regimes: np.ndarray, period: np.ndarray, impacts: np.ndarray, R: np.ndarray
 ) -> list[Label | None]:
-    """Return the class of each motion, given arrays of shape (n,); None if it is not known.
-
-    Motions with rest have q only if R is 0 at all points.
-    """
+    """Return the class of each motion, given arrays of shape (n,); None if it is not known."""
     m, q = repetitions(regimes, period, impacts)
-    if not R.any():
-        q = np.where(regimes == Regime.REST, impacts, q)
+    q = np.where((regimes == Regime.REST) & (R == 0.0), impacts, q)
     return [
         Label(Regime(regime), *mq) if regime in _CLASSIFIED else None
         for regime, *mq in zip(regimes.tolist(), m.tolist(), q.tolist(), strict=True)

@@ -24,12 +24,12 @@ from tests.helpers.places import ROOT
 CONFIG = SMALL
 
 
-def test_options_that_exclude_each_other_are_told_before_anything_is_read():
-    both, told = ("--resume", "--overwrite"), "--resume and --overwrite exclude each other"
-    assert told in refused("run", "missing.yaml", *both)
-    assert told in refused("zoom", "missing.h5", "omega=2:3", *both)
-    with pytest.raises(Refused, match="resume and overwrite exclude each other"):
-        run_sweep("missing.yaml", "out.h5", resume=True, overwrite=True)
+def test_resume_and_overwrite_exclude_each_other(small_file):
+    both, told = ("--resume", "--overwrite"), "resume and overwrite exclude each other"
+    assert told in refused("run", "sweep.yaml", *both)
+    assert told in refused("zoom", "small.h5", "omega=2:3", *both)
+    with pytest.raises(Refused, match=told):
+        run_sweep("sweep.yaml", "out.h5", resume=True, overwrite=True)
 
 
 @pytest.mark.parametrize("dry", [[], ["--dry-run"]])
@@ -93,8 +93,9 @@ def test_a_cut_off_the_grid_is_told(small_file, unpainted):
     assert near.stderr == "clearance = 0.09999996 is not on the grid; drawn at clearance = 0.1\n"
     beyond = refused("plot", "small.h5", "--at", "clearance=0.10000004")
     assert "clearance = 0.10000004 is outside the sweep: 0 to 0.1\n" in beyond
-    rounded = call("plot", "small.h5", "--at", "clearance=0.1000000000001")
-    assert (rounded.exit_code, rounded.stderr) == (0, "")
+    for typed in ("0.1000000000001", "1e-12"):
+        rounded = call("plot", "small.h5", "--at", f"clearance={typed}")
+        assert (rounded.exit_code, rounded.stderr) == (0, "")
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,7 @@ from sweeps.opened.opened_sweep import OpenedSweep
 from tests.helpers import naive
 from tests.helpers.commands import accepted
 from tests.helpers.sweep_files import swept
-from vibroimpact.points.regimes import Label, Regime, is_chaotic
+from vibroimpact.points.regimes import Label, Regime, is_chaotic, labels_of
 from vibroimpact.status import Evidence, Status
 
 PERIODS = 100
@@ -122,6 +122,12 @@ def test_a_rest_before_the_motion_repeats_is_not_in_its_name(impact):
     assert (dataset["rest_fraction"] > 0.0).all()
     assert (dataset["class_evidence"] == Evidence.RELEASED).all()
     assert [*map(str, OpenedSweep(dataset).labels)] == ["1/1"] * 3
+
+
+def test_the_name_of_a_rest_depends_on_no_other_motion():
+    """Only with R = 0 is the number of its impacts known."""
+    labels = labels_of(np.full(2, Regime.REST), np.full(2, 3), np.full(2, 2), np.array([0.0, 0.5]))
+    assert [*map(str, labels)] == ["rest 3/2", "rest, 3 periods"]
 
 
 ONE, TWO, FOUR, EIGHT = (Label(Regime.PERIODIC, m, m) for m in (1, 2, 4, 8))

@@ -221,14 +221,6 @@ def test_a_disk_that_is_full_anywhere_in_the_complete_file_loses_nothing(whole, 
     xr.testing.assert_identical(data("out.h5"), whole)
 
 
-def test_a_lock_for_which_the_disk_has_no_room_is_not_left_behind():
-    said = "cannot be locked for writing: File too large"
-    with pytest.raises(StoreError, match=said), room_again():
-        fill_disk()
-        fill_blocks("out.h5")
-    assert not Path("out.h5.lock").exists()
-
-
 def turn_the_link():
     Path("link.h5").unlink()
     Path("link.h5").symlink_to("other.h5")
