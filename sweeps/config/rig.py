@@ -237,11 +237,6 @@ class Nomenclature:
     units: Mapping[str, str] = field(default_factory=dict)  # names of the units of length and time
 
     @property
-    def in_si(self) -> bool:
-        """Whether numbers are in SI units, as those of a rig."""
-        return self.rig is not None
-
-    @property
     def group(self) -> str:
         """The group of a configuration that has the parameters."""
         return "oscillator" if self.rig is None else "rig"

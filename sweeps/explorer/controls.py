@@ -86,10 +86,10 @@ class Controls:
         unit = in_brackets(named_unit(as_variable(name, view.nomenclature)))
         tip = f"{_meaning(name, view.nomenclature)}{unit}, {parameter.allowed}"
         # Room for the longest unit, N s/m, beside the symbol, or for ω t₀.
-        beside, typed = (64, 74) if view.nomenclature.in_si else (30, 86)
+        beside, typed = (64, 74) if view.nomenclature.rig else (30, 86)
         field = self._field(
             name, view.nomenclature.name(name), height=22, width=beside + typed, margin=0,
-            title=symbol(name, view.nomenclature) + (unit if view.nomenclature.in_si else ""),
+            title=symbol(name, view.nomenclature) + (unit if view.nomenclature.rig else ""),
             html_attributes={"title": tip},
         )  # fmt: skip
         field.stylesheets = [_COMPACT, _TITLE_BESIDE % (beside, "right")]

@@ -240,7 +240,7 @@ def orbits_on_axes(sweep: OpenedSweep, orbits: xr.Dataset) -> xr.Dataset:
     """Return exact branches or curves, over parameters of the model, over the axes."""
     nomenclature = sweep.nomenclature
     axes = {str(k): v for k, v in orbits.coords.items() if k in PARAMETERS}
-    if not (nomenclature.in_si and axes):  # or they are over those of the rig already
+    if not (nomenclature.rig and axes):  # or they are over those of the rig already
         return orbits
     values = {axis: (v.dims, nomenclature.value(axis, v.values)) for axis, v in axes.items()}
     si = orbits.assign_coords(values)

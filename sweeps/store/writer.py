@@ -1,4 +1,4 @@
-"""`SweepWriter`, the only writer: lock and its text, resumption, blocks, complete file."""
+"""`SweepWriter`, the only writer: lock, resumption, blocks, complete file."""
 
 from __future__ import annotations
 
