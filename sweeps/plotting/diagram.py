@@ -18,7 +18,7 @@ from sweeps.opened.coordinates import ORDINATES, coordinate_in
 from sweeps.opened.opened_sweep import OpenedSweep, Selection
 from sweeps.plotting import canvas, contents, labels, style
 from sweeps.plotting.colours import Paint, legend_entries, paint_of
-from sweeps.plotting.exact_lines import draw_branches, name_branches, without_gaps, without_idle
+from sweeps.plotting.exact_lines import draw_branches, label_lines, without_gaps, without_idle
 from sweeps.plotting.marks import agreeing, draw_jumps, draw_points, mark_status, widen_if_constant
 from sweeps.plotting.page import PAGE, Page, styled
 from sweeps.plotting.pixels import draw_density, in_view, value_ranges
@@ -125,7 +125,7 @@ def bifurcation(
     motions.mark_points(panel, page.marks)
     handles = [handle for each in panels for handle in each.get_legend_handles_labels()[0]]
     handles, title = legend_entries(paint, panels, handles)
-    handles += [*jumps, *name_branches(branches), *idle, *measured]
+    handles += [*jumps, *label_lines(branches), *idle, *measured]
     figure = canvas.finish(panel, page, line, handles, title, record)
     if motions.dense:
         arguments = motions.values, motions.directions, coordinate, motions.colours, motions.rgba

@@ -10,13 +10,12 @@ import xarray as xr
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
-from matplotlib.path import Path
 from matplotlib.patheffects import withStroke
-from matplotlib.transforms import Bbox
 
 from sweeps.opened.opened_sweep import OpenedSweep
 from sweeps.plotting import canvas
-from sweeps.plotting.pixels import figure_of, in_panel, in_view, runs
+from sweeps.plotting.legend import COMMON
+from sweeps.plotting.pixels import in_panel, runs
 from sweeps.plotting.style import CLASSES, STABLE, UNSTABLE, VERMILION, ground, ink
 from sweeps.text import shown_count
 from vibroimpact.points.regimes import Regime
@@ -162,7 +161,7 @@ def without_gaps(mask: np.ndarray, width: int) -> np.ndarray:
     return result
 
 
-def name_branches(lines: Mapping[str, Sequence[Line2D]]) -> list[Line2D]:
+def label_lines(lines: Mapping[str, Sequence[Line2D]]) -> list[Line2D]:
     """Label one line of each name that is within the limits of its panel; return these."""
     entries = []
     for name, of_name in lines.items():
@@ -183,6 +182,8 @@ _CURVES: dict[str, Any] = {"flip": "-", "fold": (0, (4, 2)), "graze": (0, (1, 1.
 _EDGE = 1.8
 #: Look of curves that do not bound a motion.
 _THIN_CURVES: dict[str, Any] = {"color": "#666666", "linewidth": 0.3}
+#: Name of the special points of curves.
+_SPECIAL = "cusp or meeting"
 
 
 class _Piece(NamedTuple):
@@ -242,7 +243,7 @@ def _one_point_each(curves: xr.Dataset) -> xr.Dataset:
 def draw_curves(
     panel: Axes, curves: xr.Dataset, cut: OpenedSweep, marks: bool
 ) -> dict[Artist, float]:
-    """Draw `sweeps.curves` over a map of a cut; return handles and the share that each covers.
+    """Draw `sweeps.curves` over a map of a cut; return handles and shares for its legend.
 
     Pieces that bound a motion are drawn strongly. The others are thin: there the start leads to
     another orbit. Of many curves, only those that bound a class with a colour of its own are drawn.
@@ -253,64 +254,36 @@ def draw_curves(
     is_many = len(kinds) > _CURVES_IN_FULL
     pieces = list(_pieces(curves, cut, CLASSES if is_many else None))
     bounding = {piece.number for piece in pieces if piece.bounds}
-    pieces = [piece for piece in pieces if _is_line_in_view(panel, piece.points)]
-    further = {piece.number for piece in pieces} - bounding
-    pieces = [piece for piece in pieces if not is_many or piece.number in bounding]
-    strong = [piece for piece in pieces if piece.bounds]
-    bold: dict[str, Any] = {"color": ink(), "linewidth": 0.8}
+    further = len({piece.number for piece in pieces} - bounding)
+    text = f"{shown_count(further, 'further curve')}{' not shown' if is_many else ''}"
     edge = [withStroke(linewidth=_EDGE, foreground=ground(), alpha=0.9)]  # on cells of any colour
-    for piece in pieces:
-        props = {"path_effects": edge, "zorder": 4, **bold} if piece.bounds else _THIN_CURVES
-        panel.plot(*piece.points.T, ls=_CURVES[kinds[piece.number]], **props)
+    bold: dict[str, Any] = {"color": ink(), "linewidth": 0.8, "path_effects": edge, "zorder": 4}
+    lines: dict[str, list[Line2D]] = {name: [] for name in (*_CURVES, _SPECIAL, text)}
+    for number, points, bounds in pieces:
+        if number in bounding or not is_many:
+            kind, props = kinds[number], bold if bounds else _THIN_CURVES
+            name = kind if number in bounding else text
+            lines[name] += panel.plot(*points.T, ls=_CURVES[kind], **props)
     panel.set(xlim=limits[0], ylim=limits[1])
-    shares = dict[Artist, float]()
-    for kind, dashes in _CURVES.items():
-        if of_kind := [piece.points for piece in pieces if kinds[piece.number] == kind]:
-            line = Line2D([], [], ls=dashes, label=kind, **bold)
-            shares[line] = _share_of(panel, of_kind, _EDGE)
-    shares |= _mark_special(panel, curves, cut, strong) if marks else {}
-    if further:
-        text = f"{shown_count(len(further), 'further curve')}{' not shown' if is_many else ''}"
-        line = Line2D([], [], ls="" if is_many else "-", label=text, **_THIN_CURVES)
-        thin = [piece.points for piece in pieces if piece.number in further]
-        shares[line] = _share_of(panel, thin, line.get_linewidth())
-    return shares
-
-
-def _is_line_in_view(panel: Axes, line: np.ndarray) -> bool:
-    """Whether any part of a line is within the limits of a panel."""
-    return Path(in_panel(panel, line)).intersects_bbox(Bbox.unit(), filled=False)
-
-
-def _share_of(panel: Axes, lines: Sequence[np.ndarray], width: float) -> float:
-    """Return the share of a panel that lines of a width [pt] cover within its limits."""
-    box = panel.get_window_extent()
-    size, point = np.array([box.width, box.height]), figure_of(panel).dpi / 72.0
-    length = 0.0
-    for line in lines:
-        shares = Path(in_panel(panel, line))
-        points = np.asarray(shares.interpolated(_PER_CELL * _GAP).vertices, float)
-        middles = 0.5 * (points[1:] + points[:-1])
-        inside = ((middles >= 0.0) & (middles <= 1.0)).all(axis=1)
-        length += float(np.hypot(*(size * np.diff(points, axis=0)[inside]).T).sum())
-    return length * width * point / size.prod()
+    if marks:
+        strong = [piece.points for piece in pieces if piece.bounds]
+        lines[_SPECIAL] = _mark_special(panel, curves, cut, strong)
+    if is_many and further:
+        lines[text] = [Line2D([], [], ls="")]
+    return {line: COMMON * (line.get_label() != text) for line in label_lines(lines)}
 
 
 def _mark_special(
-    panel: Axes, curves: xr.Dataset, cut: OpenedSweep, strong: Sequence[_Piece]
-) -> dict[Artist, float]:
-    """Mark cusps and meetings on strong pieces; return a handle, and the share that they cover."""
+    panel: Axes, curves: xr.Dataset, cut: OpenedSweep, strong: Sequence[np.ndarray]
+) -> list[Line2D]:
+    """Mark cusps and meetings on strong pieces, given their points; return the marks."""
     marked = curves.isel(point=np.isin(curves["special"].values, ["cusp", "degenerate", "flip"]))
     special = _on_axes(marked, cut)
-    if not len(special) or not strong:
-        return {}
-    lines = in_panel(panel, np.concatenate([piece.points for piece in strong]))
+    lines = in_panel(panel, np.concatenate([np.full((1, 2), np.inf), *strong]))
     away = [np.abs(lines - place).max(axis=1).min() for place in in_panel(panel, special)]
     near = special[np.array(away) < 0.01]
     if not len(near):
-        return {}
-    (marks,) = panel.plot(*near.T, "D", color=ink(), label="cusp or meeting")
-    marks.set(markersize=2.5, markerfacecolor=ground(), markeredgewidth=0.6, zorder=5)
-    size = (marks.get_markersize() + marks.get_markeredgewidth()) * figure_of(panel).dpi / 72.0
-    box = panel.get_window_extent()
-    return {marks: size**2 * in_view(panel, *near.T).sum() / (box.width * box.height)}
+        return []
+    (marks,) = panel.plot(*near.T, "D", color=ink(), markersize=2.5)
+    marks.set(markerfacecolor=ground(), markeredgewidth=0.6, zorder=5)
+    return [marks]
