@@ -129,8 +129,7 @@ def bifurcation(
     figure = canvas.finish(panel, page, line, handles, title, record)
     if motions.dense:
         arguments = motions.values, motions.directions, coordinate, motions.colours, motions.rgba
-        if not draw_density(panel, *arguments):
-            canvas.refuse_limits(page, np.empty(0))
+        draw_density(panel, *arguments)
     return figure
 
 
