@@ -14,7 +14,6 @@ from matplotlib.patheffects import withStroke
 
 from sweeps.opened.opened_sweep import OpenedSweep
 from sweeps.plotting import canvas
-from sweeps.plotting.legend import COMMON
 from sweeps.plotting.pixels import in_panel, runs
 from sweeps.plotting.style import CLASSES, STABLE, UNSTABLE, VERMILION, ground, ink
 from sweeps.text import shown_count
@@ -270,7 +269,7 @@ def draw_curves(
         lines[_SPECIAL] = _mark_special(panel, curves, cut, strong)
     if is_many and further:
         lines[text] = [Line2D([], [], ls="")]
-    return {line: COMMON * (line.get_label() != text) for line in label_lines(lines)}
+    return {line: float(line.get_label() != text) for line in label_lines(lines)}
 
 
 def _mark_special(
@@ -279,11 +278,11 @@ def _mark_special(
     """Mark cusps and meetings on strong pieces, given their points; return the marks."""
     marked = curves.isel(point=np.isin(curves["special"].values, ["cusp", "degenerate", "flip"]))
     special = _on_axes(marked, cut)
-    lines = in_panel(panel, np.concatenate([np.full((1, 2), np.inf), *strong]))
-    away = [np.abs(lines - place).max(axis=1).min() for place in in_panel(panel, special)]
-    near = special[np.array(away) < 0.01]
-    if not len(near):
+    lines = in_panel(panel, np.concatenate([np.empty((0, 2)), *strong]))
+    near = [np.abs(lines - place).max(axis=1) < 0.01 for place in in_panel(panel, special)]
+    special = special[[each.any() for each in near]]
+    if not len(special):
         return []
-    (marks,) = panel.plot(*near.T, "D", color=ink(), markersize=2.5)
+    (marks,) = panel.plot(*special.T, "D", color=ink(), markersize=2.5)
     marks.set(markerfacecolor=ground(), markeredgewidth=0.6, zorder=5)
     return [marks]

@@ -230,6 +230,14 @@ def test_every_class_above_two_per_cent_has_a_name(width, height, grey, exact):
         assert "13" in rests[0]
 
 
+def test_curves_and_meetings_have_a_name_before_classes():
+    curves = bent_curves(40)
+    curves["special"] = curves["special"].astype("U4")
+    curves["special"].values[1::2] = "flip"
+    shown = legend_texts(parameter_map(scattered(), exact=curves, page=Page(width=3.4)))
+    assert shown[-1].endswith(" more") and {"flip", "fold", "graze", "cusp or meeting"} <= {*shown}
+
+
 def test_entries_of_one_width_are_beside_each_other_in_a_legend_within_the_figure():
     """So that more columns fit, and fewer classes are left out."""
     changed = {"orbit_distance": {(0, 0): 0.1}, "rest_fraction": {(0, 3): 0.5}}
