@@ -15,7 +15,7 @@ from sweeps.config.groups import STARTS
 from sweeps.errors import Refused
 from sweeps.opened.coordinates import COORDINATES, ORDINATES, SOURCES
 from sweeps.opened.opened_sweep import OpenedSweep, Selection
-from sweeps.store.variables import DIRECTION, VARIABLES, description_in
+from sweeps.store.variables import DIRECTION, description_in
 from sweeps.text import choice_of, listed, near_misses, suggestion
 from vibroimpact.oscillator import PARAMETERS
 from vibroimpact.points.regimes import has_result
@@ -115,20 +115,32 @@ def _with_values(sweep: OpenedSweep, values: xr.DataArray) -> tuple[OpenedSweep,
     is_there = all(values[each].variable.equals(sweep.data[each].variable) for each in coords)
     if not is_there or any(values.sizes[dim] != sweep.sizes[dim] for dim in values.dims):
         raise Refused(f"{name} is at other values of the axes; {over}")
-    plain, attrs = values.drop_vars([*values.coords]), {"long_name": name, "symbol": ""}
-    is_variable = name in sweep and {*plain.dims} == {*sweep[name].dims}  # reads no record
-    if is_variable:
-        plain = plain.transpose(*sweep[name].dims)
-        is_variable = plain.fillna(sweep[name]).variable.equals(sweep[name].variable)
-    of_file = {of.meaning for of in VARIABLES.values()} | {of.meaning for of in PARAMETERS.values()}
-    if is_variable or values.attrs.get("long_name") not in of_file:  # calculations keep attributes
-        attrs |= (sweep[name].attrs if is_variable else {}) | values.attrs
-    plain.attrs = attrs
-    if is_variable and plain.variable.identical(sweep[name].variable):
+    plain, own = values.drop_vars([*values.coords]), values.attrs
+    attrs = {"long_name": name, "symbol": ""}
+    if name in sweep and _is_part(plain.variable, sweep[name].variable):
+        plain = plain.transpose(*(dim for dim in sweep[name].dims if dim in plain.dims))
+        attrs |= sweep[name].attrs
+    else:  # calculations keep the attributes of a variable of the file
+        of_file = (each.attrs for each in sweep.data.variables.values())
+        kept = next((each for each in of_file if each.get("long_name") == own.get("long_name")), {})
+        own = {key: value for key, value in own.items() if kept.get(key) != value}
+    plain.attrs = attrs | own
+    if name in sweep and plain.variable.identical(sweep[name].variable):
         return sweep, name
     while name in sweep:
         name = f"the given {name}"
     return sweep.with_data(sweep.data.assign({name: plain})), name
+
+
+def _is_part(values: xr.Variable, variable: xr.Variable) -> bool:
+    """Whether values are those of a variable, or one of its record, of which some are read."""
+    record = {*variable.dims} - {*values.dims}
+    some = {dim: slice(None, None, 1 + size // 50) for dim, size in values.sizes.items() if record}
+    if not {*values.dims} <= {*variable.dims}:
+        return False
+    values = values.isel(some)
+    same = (variable.isel(some).astype(values.dtype) == values) | values.isnull()
+    return bool(same.any([*record]).all())
 
 
 def number_at(cut: OpenedSweep, name: str) -> xr.DataArray:

@@ -74,6 +74,15 @@ def test_a_quantity_of_ones_own_is_mapped_with_its_label_and_units(dataset):
     assert first == "twice" and {*labels} == {
         r"impulse on the stop per forcing period and mass $J$"
     }
+    given = dataset["impulse"].copy(data=2.0 * dataset["impulse"]).assign_attrs(units="kN")
+    parts = [given, dataset["impulse"].astype("f4"), dataset["poincare_x"].isel(section=2)]
+    labels = [parameter_map(dataset, quantity=part).axes[1].get_xlabel() for part in parts]
+    section = r"displacement at the section $x$"
+    assert labels == [
+        "impulse [kN]",
+        r"impulse on the stop per forcing period and mass $J$",
+        section,
+    ]
 
 
 @pytest.mark.slow
