@@ -19,7 +19,6 @@ from matplotlib.patheffects import withStroke
 from sweeps.attractor.attractor_table import (
     AttractorRow,
     attractor_rows,
-    classes_text,
     parameter_axes,
 )
 from sweeps.attractor.attractors import attractors
@@ -42,7 +41,6 @@ from sweeps.plotting.maps import draw_cells, entries_of, name_and_bound, view_of
 from sweeps.plotting.marks import edge_of, mark_some, mark_status, marker_size, widen_if_constant
 from sweeps.plotting.page import PAGE, Page, styled
 from sweeps.plotting.pixels import in_view
-from sweeps.plotting.placed_names import name_lines
 from sweeps.plotting.style import PARTIAL, Look, ground, ink
 from sweeps.store.variables import DIRECTION
 from sweeps.text import choice_of, fewest_digits, listed, shown_count
@@ -303,12 +301,10 @@ def attractor_diagram(
     record = labels.record_text(line, coordinate)
     figure = canvas.finish(panel, page, line, legend_title=title, record=record)
     if page.grey:
-        alone = [each for each in series if looks.has_own(each.rows[0])]
-        for each in alone:
-            if each.rows[0].regime not in NO_CLASS:
-                mark_some(panel, each.points, each.look.marker, each.look.dots)
-        periodic = [each for each in alone if each.rows[0].regime is Regime.PERIODIC]
-        name_lines(panel, [(classes_text(each.rows), each.points) for each in periodic])
+        for each in series:
+            if looks.has_own(each.rows[0]) and each.rows[0].regime not in NO_CLASS:
+                points = np.asarray(each.dots.get_xydata())
+                mark_some(panel, points, each.look.marker, each.look.dots)
     return figure
 
 
@@ -328,11 +324,6 @@ class _Series(NamedTuple):
     look: Look
     dots: Line2D
     name: str
-
-    @property
-    def points(self) -> np.ndarray:
-        """The points, shape (n, 2)."""
-        return np.asarray(self.dots.get_xydata())
 
 
 def _draw_rows(

@@ -16,7 +16,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Ellipse
 from matplotlib.patheffects import withStroke
 
-from sweeps.attractor.attractor_table import AttractorRow, attractor_rows, classes_text
+from sweeps.attractor.attractor_table import AttractorRow, attractor_rows
 from sweeps.attractor.integrity import refuse_unfit, with_measures
 from sweeps.attractor.knocks import knocks
 from sweeps.config.groups import STARTS
@@ -29,7 +29,6 @@ from sweeps.plotting.contents import refuse_without_result
 from sweeps.plotting.looks import Cells, Looks, names_of
 from sweeps.plotting.maps import entries_of, view_of
 from sweeps.plotting.page import PAGE, Page, styled
-from sweeps.plotting.placed_names import name_lines
 from sweeps.plotting.style import Look, ground, ink
 from sweeps.text import shown_count
 from vibroimpact import Oscillator, simulate
@@ -97,7 +96,7 @@ def integrity(
     starts = line.cut({name: at[name] for name in along if at and name in at}, ["x0", "v0"])
     point_result = line_result.sel({name: float(starts[name]) for name in along})
     regions = Basins.of(starts, point_result, looks, "x0", "v0")
-    handles, lines = list[Artist](), list[list[tuple[str, np.ndarray]]]()
+    handles = list[Artist]()
     if basins is not None:
         regions.draw(basins, page)
         # The lines of a profile have the colours of all basins, and the shares of all starts.
@@ -108,7 +107,7 @@ def integrity(
             raise Refused("there is nothing to draw: no start reaches an attractor")
         table, ordered = attractor_rows(line, line_result), line_result.sortby(along)
         of_basins = regions.table if basins is not None else []
-        lines = _draw_profile(profile, ordered, along[0], table, looks)
+        _draw_profile(profile, ordered, along[0], table, looks)
         labels.label_axis([*profile.values()][-1].xaxis, line[along[0]])
         if basins is None:
             page.set_limits(by_name[names[0]])
@@ -122,9 +121,6 @@ def integrity(
     figure = canvas.finish(panel, page, line, handles, title)
     if basins is not None:
         regions.write_names(basins, page)
-    if page.grey:
-        for each, of_panel in zip(profile.values(), lines, strict=True):
-            name_lines(each, of_panel)
     return figure
 
 
@@ -197,9 +193,8 @@ def _draw_profile(
     axis: str,
     table: Sequence[AttractorRow],
     looks: Looks,
-) -> list[list[tuple[str, np.ndarray]]]:
-    """Draw the measures of attractors; return the classes and the points of the lines per panel."""
-    lines = list[list[tuple[str, np.ndarray]]]()
+) -> None:
+    """Draw the measures of attractors."""
     for name, panel in panels.items():
         at_edge, title = _MEASURES[name]
         panel.set_title(title, loc="left", wrap=True)
@@ -207,15 +202,13 @@ def _draw_profile(
             labels.label_axis(panel.yaxis, line_result[name].assign_attrs(long_name="", symbol=""))
         is_bound = line_result[at_edge] if at_edge else line_result[name].isnull()
         values = line_result[name].where(line_result["integrity_factor"].notnull())
-        lines.append([])
         for number in {row.number: None for row in table}:
             of_attractor = line_result["number"] == number
             y = values.where(of_attractor).max("coexisting").values
             bound = (of_attractor & is_bound & values.notnull()).any("coexisting").values
             rows = [row for row in table if row.number == number]
-            lines[-1] += _draw_lines(panel, line_result[axis].values, y, bound, rows, axis, looks)
+            _draw_lines(panel, line_result[axis].values, y, bound, rows, axis, looks)
         labels.set_lim(panel.yaxis, 0.0, 1.1 * float(values.max().fillna(0.0)) or 1.0)
-    return lines
 
 
 def _draw_lines(
@@ -226,9 +219,8 @@ def _draw_lines(
     rows: Sequence[AttractorRow],
     axis: str,
     looks: Looks,
-) -> list[tuple[str, np.ndarray]]:
-    """Draw a measure of one attractor over the axis, a line for each of its looks; return these."""
-    lines = []
+) -> None:
+    """Draw a measure of one attractor over the axis, a line for each of its looks."""
     for series in looks.by_look(rows):
         of_series = np.isin(x, [row.parameters[axis] for row in series])
         to_next = of_series | np.append(False, of_series[:-1])
@@ -240,8 +232,6 @@ def _draw_lines(
         markers |= {"marker": look.marker if looks.grey else _BOUND_MARKER}
         markers |= {"markersize": 4.0, "markerfacecolor": ground()}
         panel.plot(x, np.where(of_series & bound, y, np.nan), linestyle="", **markers)
-        lines.append((classes_text(series), np.stack([x, np.where(of_series, y, np.nan)], axis=1)))
-    return lines
 
 
 def _draw_disturbances(

@@ -65,8 +65,8 @@ class Page:
         m/q, bifurcations and other special points of orbits and curves, and jumps. Points that
         failed are always marked.
     grey : bool
-        Whether the picture is drawn without colour: in greys, hatches, markers and dashes, with
-        boundaries and names.
+        Whether the picture is drawn without colour: in greys, hatches, markers and dashes, a map
+        with boundaries.
 
     Examples
     --------

@@ -1,10 +1,9 @@
-"""Places names where there is room: in regions of a map, beside lines; draws boundaries."""
+"""Places names in regions of a map where there is room; draws the boundaries of regions."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -27,8 +26,6 @@ _MARGIN, _HALF_MARKER = 1, 2
 _MOST_IN_PANEL = 60
 #: Least share of a map on both sides of a boundary that is drawn.
 _LARGE = 4e-4
-#: Greatest distance of a name from its line, in heights of the name.
-_NAME_TO_LINE = 1.0
 
 
 def name_regions(
@@ -41,22 +38,32 @@ def name_regions(
     `classes`, shape (rows, columns), are numbers, of which some have names.
     """
     canvas.lay_out(panel)
-    raster, texts = _class_of_pixels(panel, edges, classes), list[Text]()
-    free = _free_of_marks(panel)
+    raster = _class_of_pixels(panel, edges, classes)
+    scale = _PER_INCH / figure_of(panel).dpi
+
+    def new_text(x: float, y: float, name: str) -> Text:
+        """Return a text around a place of the panel, in shares of its width and height."""
+        return panel.text(
+            x, y, name, transform=panel.transAxes, size="x-small", color=ink(), zorder=6,
+            ha="center", va="center_baseline", clip_on=True,
+            path_effects=[withStroke(linewidth=1.8, foreground=ground())],
+        )  # fmt: skip
 
     def box(name: str) -> tuple[int, int]:
-        """Return the height and the width of a name."""
-        text = _new_text(panel, name)
-        size = _box_of(text)
+        """Return the height and the width of a name with the space around it [px]."""
+        text = new_text(0.5, 0.5, name)
+        extent = text.get_window_extent()
         text.remove()
-        return size
+        sides = (extent.height, extent.width)
+        height, width = (2 * _MARGIN + math.ceil(scale * side) for side in sides)
+        return height, width
 
-    for name, row, column, upright in placed_names(raster, names, box, free):
-        text = _new_text(panel, name, clip_on=True)
-        if upright:
-            text.set(rotation=90.0, va="center")  # at center_baseline it would be below its place
-        _put(text, row, column, raster.shape)
-        texts.append(text)
+    texts = list[Text]()
+    for name, row, column, upright in placed_names(raster, names, box, _free_of_marks(panel)):
+        y, x = (np.array([row, column]) + 0.5) / raster.shape
+        texts.append(new_text(x, y, name))
+        if upright:  # at center_baseline it would be below its place
+            texts[-1].set(rotation=90.0, va="center")
     return texts
 
 
@@ -64,21 +71,6 @@ def _shape_of(panel: Axes) -> tuple[int, int]:
     """Return the numbers of rows and columns of the pixels at which the room is measured."""
     box, scale = panel.get_window_extent(), _PER_INCH / figure_of(panel).dpi
     return max(2, round(box.height * scale)), max(2, round(box.width * scale))
-
-
-def _put(text: Text, row: int, column: int, shape: Sequence[int]) -> None:
-    """Put a text to a pixel of its panel."""
-    assert text.axes is not None
-    text.set_transform(text.axes.transAxes)
-    text.set_position(((column + 0.5) / shape[1], (row + 0.5) / shape[0]))
-
-
-def _new_text(panel: Axes, name: str, **props: Any) -> Text:
-    """Return a new text in a panel."""
-    return panel.text(
-        0.0, 0.0, name, size="x-small", color=ink(), zorder=6, ha="center", va="center_baseline",
-        path_effects=[withStroke(linewidth=1.8, foreground=ground())], **props,
-    )  # fmt: skip
 
 
 def placed_names(
@@ -169,13 +161,6 @@ def _regions(classes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return number.reshape(classes.shape), np.bincount(number)
 
 
-def _box_of(text: Text) -> tuple[int, int]:
-    """Return the height and the width of a text with the space around it [px]."""
-    box, scale = text.get_window_extent(), _PER_INCH / figure_of(text).dpi
-    height, width = (2 * _MARGIN + math.ceil(scale * side) for side in (box.height, box.width))
-    return height, width
-
-
 def _widest(region: np.ndarray, height: int, width: int) -> tuple[int, int] | None:
     """Return a pixel of a region around which a box fits, where the region is widest, or None.
 
@@ -210,42 +195,6 @@ def draw_boundaries(panel: Axes, edges: Sequence[np.ndarray], classes: np.ndarra
     lines = list(np.concatenate([upright, level]).reshape(-1, 2, 2))
     props = {"colors": "black", "linewidths": 0.6, "capstyle": "round"}
     panel.add_collection(LineCollection(lines, rasterized=True, zorder=3, **props), autolim=False)
-
-
-def name_lines(panel: Axes, lines: Sequence[tuple[str, np.ndarray]]) -> None:
-    """Write the name of each line beside it, where there is room between all lines.
-
-    `lines` are points, shape (n, 2). Call this last, because the room is that of the finished
-    panel.
-    """
-    from scipy.ndimage import distance_transform_edt, maximum_filter
-
-    canvas.lay_out(panel)
-    shape = _shape_of(panel)
-    pixels = [(name, _pixels(panel, points, shape)) for name, points in lines]
-    obstacles = np.zeros(shape, bool)
-    for line in panel.lines:
-        if line.get_transform() == panel.transData:
-            joined = line.get_linestyle() not in ("None", "")
-            obstacles |= _pixels(panel, np.asarray(line.get_xydata()), shape, joined)
-    for name, line_pixels in pixels:
-        if not line_pixels.any():
-            continue
-        text = _new_text(panel, name)
-        height, width = _box_of(text)
-        edge = np.pad(obstacles, 1, constant_values=True)
-        free = ~maximum_filter(edge, (height, width))[1:-1, 1:-1]
-        away = np.where(free, distance_transform_edt(~line_pixels), np.inf)
-        least = away.min()
-        if least > (0.5 + _NAME_TO_LINE) * height:
-            text.remove()
-            continue
-        nearest = np.argwhere(away <= least + 1.0)
-        middle = np.argwhere(line_pixels).mean(axis=0)
-        row, column = nearest[np.argmin(np.abs(nearest - middle)[:, 1])].tolist()
-        _put(text, row, column, shape)
-        top, left = max(0, row - height // 2 - 1), max(0, column - width // 2 - 1)
-        obstacles[top : row + height // 2 + 2, left : column + width // 2 + 2] = True
 
 
 def _pixels(

@@ -173,46 +173,6 @@ def test_the_legend_says_which_of_two_orbits_of_a_class_a_knock_disturbs(drawn):
     assert len(named) == len(knocks) == 2 and named == states
 
 
-def test_names_of_lines_are_beside_all_points():
-    """No point of any line is inside the box of a name, and each name is near its own line."""
-    from matplotlib.figure import Figure
-
-    from sweeps.plotting.placed_names import name_lines
-
-    panel = Figure(dpi=100).add_subplot()
-    x = np.linspace(0.0, 1.0, 400)
-    lines = [
-        ("1/1", np.stack([x, x**2], axis=1)),
-        ("2/1", np.stack([x, 0.5 + 0.4 * np.sin(6 * x)], axis=1)),
-        ("1/1", np.stack([x, 0.4 * x], axis=1)),
-    ]
-    for _, points in lines:
-        panel.plot(*points.T, "o")
-    name_lines(panel, lines)
-    assert [text.get_text() for text in panel.texts] == [name for name, _ in lines]
-    boxes = [text.get_window_extent() for text in panel.texts]
-    for box, (name, own) in zip(boxes, lines, strict=True):
-        for _, points in lines:
-            places = panel.transData.transform(points)
-            assert not box.count_contains(places), name
-        middle = box.x0 + box.width / 2, box.y0 + box.height / 2
-        away = np.abs(panel.transData.transform(own) - middle)
-        assert np.hypot(*away.T).min() < 2.0 * box.height + box.width / 2
-    assert not any(one.overlaps(other) for one, other in combinations(boxes, 2))
-
-
-def test_a_line_without_room_has_no_name():
-    from matplotlib.figure import Figure
-
-    from sweeps.plotting.placed_names import name_lines
-
-    panel = Figure(dpi=100).add_subplot()
-    dense = np.random.default_rng(0).uniform(size=(40000, 2))
-    panel.plot(*dense.T, "o")
-    name_lines(panel, [("1/1", np.array([[0.5, 0.5]]))])
-    assert not panel.texts
-
-
 def test_every_look_of_a_class_and_of_further_attractors_is_its_own():
     looks = [LOOKS[key][1][:3:2] for key in (*CLASSES, *FURTHER)]
     assert len(set(looks)) == len(looks)
