@@ -26,7 +26,7 @@ from sweeps.opened.result_cache import with_cache
 from sweeps.plotting import canvas, labels
 from sweeps.plotting.attractor_pictures import Basins, attractors_in
 from sweeps.plotting.contents import refuse_without_result
-from sweeps.plotting.looks import Cells, Looks, names_of
+from sweeps.plotting.looks import Looks, names_of
 from sweeps.plotting.maps import entries_of, view_of
 from sweeps.plotting.page import PAGE, Page, styled
 from sweeps.plotting.style import Look, ground, ink
@@ -106,12 +106,11 @@ def integrity(
         if line_result["integrity_factor"].isnull().all():
             raise Refused("there is nothing to draw: no start reaches an attractor")
         table, ordered = attractor_rows(line, line_result), line_result.sortby(along)
-        of_basins = regions.table if basins is not None else []
         _draw_profile(profile, ordered, along[0], table, looks)
         labels.label_axis([*profile.values()][-1].xaxis, line[along[0]])
         if basins is None:
             page.set_limits(by_name[names[0]])
-        handles += _handles_of_profile(profile.values(), table, of_basins, looks, line, along[0])
+        handles += _handles_of_profile(profile.values(), table, looks, line, along[0])
     if basins is not None:
         if along:
             handles += _mark_value(profile.values(), basins, line[along[0]], starts)
@@ -152,29 +151,20 @@ def _mark_value(
 def _handles_of_profile(
     panels: Iterable[Axes],
     table: Sequence[AttractorRow],
-    of_regions: Sequence[AttractorRow],
     looks: Looks,
     line: OpenedSweep,
     axis: str,
 ) -> list[Artist]:
-    """Return the entries of the legend for what the profile shows and the basins do not.
-
-    In grey, these are all: lines have dashes and markers, not the hatches of basins. So are those
-    that are darker than their basins.
-    """
+    """Return the entries of the legend for the lines of the profile, and for lower bounds."""
     lines = [each for panel in panels for each in panel.lines if canvas.is_in_view(each)]
     visible = {(each.get_color(), looks.grey and each.get_marker()) for each in lines}
-    of_basins = {looks.look(row) for row in of_regions}
-    of_basins = set() if looks.grey else {look for look in of_basins if look.dots == look.colour}
     handles, series = list[Artist](), looks.by_look(table)
     for rows, names in zip(series, names_of(series, line, line[axis]), strict=True):
         look = looks.look(rows[0])
-        if look not in of_basins and (look.dots, looks.grey and look.marker) in visible:
+        if (look.dots, looks.grey and look.marker) in visible:
             text = "".join(names) if looks.has_own(rows[0]) else "other periodic attractors"
             dashes: dict[str, Any] = {"linestyle": look.dash, "linewidth": 1.0}
-            dashed = Line2D([], [], label=text, **dashes, **_marker_of(look, looks.grey))
-            patch = Cells(text, look, np.empty(0)).handle()
-            handles.append(dashed if looks.grey or look.dots != look.colour else patch)
+            handles.append(Line2D([], [], label=text, **dashes, **_marker_of(look, looks.grey)))
     if any(each.get_markerfacecolor() == ground() for each in lines):
         text, marker = ("hollow: ", "o") if looks.grey else ("", _BOUND_MARKER)
         shape: dict[str, Any] = {"marker": marker, "ls": "", "markersize": 4.0, "mfc": ground()}

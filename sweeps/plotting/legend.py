@@ -7,7 +7,6 @@ from bisect import bisect_left
 from collections.abc import Callable, Mapping, Sequence
 from copy import copy
 from functools import partial
-from statistics import median
 
 import matplotlib as mpl
 from matplotlib.artist import Artist
@@ -43,10 +42,9 @@ def fit_legend(
     The `rooms` are the usual and the greatest width and height [px]. A title that is wider than the
     figure is broken. Given the `shares` of a map that the entries explain, those that explain
     little are left out to fit the usual room. A legend that `shrinks` is small if it is higher than
-    usual, then short entries come first, so that more columns fit, and then long ones have two
-    lines; another is always small. If it is too large for the greatest room, all entries but one
-    can be left out: those that explain least first, and of equals the last. So is the title,
-    unless the legend shrinks.
+    usual, and then long entries have two lines, so that more columns fit; another is always small.
+    If it is too large for the greatest room, all entries but one can be left out: those that
+    explain least first, and of equals the last. So is the title, unless the legend shrinks.
     """
     usual, most = rooms
     widest = usual[0] / WIDTH
@@ -57,9 +55,7 @@ def fit_legend(
         legend.remove()
     forms: list[tuple[Sequence[Artist], Mapping[str, str]]] = [(handles, _SMALL)]
     if shrinks:
-        lengths = [len(str(handle.get_label())) for handle in handles]
-        short = sorted(handles, key=lambda handle: len(str(handle.get_label())) > median(lengths))
-        forms = [(handles, {}), *forms, (short, _SMALL), (_broken(short), _SMALL)]
+        forms = [(handles, {}), *forms, (_broken(handles), _SMALL)]
 
     def share(handle: Artist) -> float:
         return 1.0 if shares is None else shares[handle]
