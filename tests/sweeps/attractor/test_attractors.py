@@ -1,7 +1,5 @@
 """Distinct attractors against published speeds, long runs, symmetries, and pair by pair."""
 
-from itertools import product
-
 import numpy as np
 import pytest
 
@@ -127,7 +125,8 @@ LONG, OWN = "transient: 200, periods: 100", "transient: auto, longest: 3000, per
 @pytest.mark.parametrize(
     ("oscillator", "length", "diagnostics"),
     [
-        *product(RARE_REST, [LONG], ["period", "period, lyapunov"]),
+        (RARE_REST[0], LONG, "period"),
+        (RARE_REST[1], LONG, "period, lyapunov"),
         (RARE_REST[0], OWN, "period, lyapunov"),
     ],
 )

@@ -172,7 +172,7 @@ def test_a_thin_tongue_is_found_or_the_knock_is_called_fractal(tmp_path, all_kno
     assert found["number"] == 0 and found["knock_fractal"]
     orbit = periodic_orbit(osc, found["section_x"].item(), found["section_v"].item(), 1)
     points = np.repeat(osc.at(0.0), 500)
-    for phase in (5.1326, 5.1572, 5.1817, 5.2063, 5.2308):
+    for phase in (5.1326, 5.1817, 5.2308):
         points["x0"], v = orbit.sections(phase)[0]
         points["v0"] = v + found["knock_harmful"].item() * np.linspace(0.98, 0.998, 500)
         run = integrate(points, phase=phase, at_section=True, transient=1000, periods=1)
@@ -197,8 +197,8 @@ def test_no_knock_to_the_side_of_an_orbit_that_has_just_flipped_is_harmful(
     assert one["knock_ends"] == 1 and one["knock_certified"] and not one["knock_fractal"]
     home = periodic_orbit(osc, one["section_x"].item(), one["section_v"].item(), 2)
     sections, phase = home.sections(one["knock_phase"].item()), one["knock_phase"].item()
-    points = np.repeat(osc.at(one["knock_x"].item()), 41)
-    points["v0"] = one["knock_v"].item() + np.linspace(-1, 1, 41) * one["knock_harmless"].item()
+    points = np.repeat(osc.at(one["knock_x"].item()), 11)
+    points["v0"] = one["knock_v"].item() + np.linspace(-1, 1, 11) * one["knock_harmless"].item()
     run = integrate(points, phase=phase, at_section=True, transient=200_000, periods=2)
     assert np.abs(run["poincare_x"][..., None] - sections[:, 0]).min(axis=2).max() < 1e-9
 

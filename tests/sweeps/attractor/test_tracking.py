@@ -151,15 +151,14 @@ def test_no_two_attractors_of_a_point_have_one_number(computed_starts):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("num", [23, 45])
-def test_a_branch_keeps_its_number_over_steps_of_any_size(tmp_path, num):
-    """A step of 5 to 10 rad/s moves the section by up to twice its size, along each branch.
+def test_a_branch_keeps_its_number_over_large_steps(tmp_path):
+    """A step of 10 rad/s moves the section by up to twice its size, along each branch.
 
     The ends of the branches are those of the scene joint-clearance.
     """
     config = {
         "oscillator": {
-            "h": 4.0, "R": 0.7, "omega": np.linspace(63.0, 283.0, num), "f": 16.0,
+            "h": 4.0, "R": 0.7, "omega": np.linspace(63.0, 283.0, 23), "f": 16.0,
             "p": 126.49110640673517, "clearance": 5e-4,
         },
         "start": {"x0": [-1e-3, -5e-4, 0.0], "v0": [-0.1, 0.0, 0.1]},
