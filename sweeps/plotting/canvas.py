@@ -17,6 +17,7 @@ from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.backend_bases import RendererBase
 from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.collections import QuadMesh
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.lines import Line2D
@@ -28,9 +29,9 @@ from sweeps.opened.opened_sweep import OpenedSweep
 from sweeps.plotting.labels import title as title_of
 from sweeps.plotting.legend import SHARE, WIDTH, fit_legend, in_two_lines, legend_within
 from sweeps.plotting.page import Page
-from sweeps.plotting.pixels import figure_of
+from sweeps.plotting.pixels import figure_of, in_view, points_in
 from sweeps.plotting.style import in_style
-from sweeps.text import choice_of, near_misses, shortened, suggestion
+from sweeps.text import choice_of, listed, near_misses, shortened, suggestion, told_apart
 
 #: Greatest height of a picture unless the page gives it, so that it fits a printed page [inch].
 HIGHEST = 9.0
@@ -250,6 +251,41 @@ def is_in_view(artist: Artist) -> bool:
     return bool(path.intersects_bbox(view, filled=False))
 
 
+def _shows_data(panel: Axes) -> bool:
+    """Whether cells, lines, dots or marks of failed points are within the limits of a panel.
+
+    A line that is not drawn stands for a density, whose pixels tell.
+    """
+    if not all(line.get_visible() for line in panel.lines):
+        return True
+    points, data = points_in(panel), panel.transData
+    has_cells = not len(points) or any(isinstance(each, QuadMesh) for each in panel.collections)
+    if has_cells or in_view(panel, *points.T).any():
+        return True
+    lines = [each for each in panel.lines if len(each.get_path()) and is_in_view(each)]
+    return any(each.get_linestyle() == "None" or each.get_transform() == data for each in lines)
+
+
+def _refuse_gap(panel: Axes, page: Page) -> None:
+    """Refuse limits that show nothing of the data; name the values beside one range of a page."""
+    panels = [panel] if page.ylim else panel.get_shared_x_axes().get_siblings(panel)
+    if not any(map(_shows_data, panels)):
+        points = points_in(panel)
+        refuse_limits(page, points[np.isfinite(points).all(axis=1)][:, int(page.xlim is None)])
+
+
+def refuse_limits(page: Page, values: np.ndarray) -> NoReturn:
+    """Refuse the limits of a page; name those of the values that are beside a single range."""
+    limits, ranges, values = {"xlim": page.xlim, "ylim": page.ylim}, list[str](), np.unique(values)
+    for name, lim in limits.items():
+        if lim is not None:
+            after = int(values.searchsorted(lim[0]))
+            low, high, *beside = told_apart(*lim, *values[max(0, after - 1) : after + 1])
+            ranges.append(f"{name} = {low}:{high}")
+    nearest = f"; the nearest values are {listed(beside)}" if beside and len(ranges) == 1 else ""
+    raise Refused(f"there is nothing to draw with {' and '.join(ranges)}{nearest}")
+
+
 def lay_out(panel: Axes) -> None:
     """Set the final place and size of a panel."""
     figure = figure_of(panel)
@@ -319,6 +355,8 @@ def finish(
     figure = figure_of(panel)
     handles = panel.get_legend_handles_labels()[0] if handles is None else handles
     handles = [handle for handle in handles if is_in_view(handle)]
+    if page.xlim or page.ylim:
+        _refuse_gap(panel, page)
     _set_labels(panel, page)
     if isinstance(figure, Picture):
         text = title_of(cut, record) if page.title is None else page.title

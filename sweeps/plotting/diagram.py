@@ -129,7 +129,8 @@ def bifurcation(
     figure = canvas.finish(panel, page, line, handles, title, record)
     if motions.dense:
         arguments = motions.values, motions.directions, coordinate, motions.colours, motions.rgba
-        draw_density(panel, *arguments)
+        if not draw_density(panel, *arguments):
+            canvas.refuse_limits(page, np.empty(0))
     return figure
 
 

@@ -140,8 +140,10 @@ def draw_density(
     coordinate: str,
     colours: Sequence[str],
     tint: np.ndarray | None = None,
-) -> None:
+) -> bool:
     """Draw the share of each column's points in each of its pixels, with a colour bar.
+
+    Return whether there is any point in the panel.
 
     Call this last, because the pixels are those of the finished panel in a PNG. A column is one of
     the `values` of the axis, or one pixel wide if there are more values than pixels. With two
@@ -165,7 +167,7 @@ def draw_density(
             point_in.reshape(-1)[pixel] = number
         image = np.append(tint, np.zeros((1, 4)), axis=0)[point_in]
         panel.pcolormesh(*edges, image.swapaxes(0, 1), rasterized=True)
-        return
+        return bool((point_in >= 0).any())
     shares = []
     for direction in directions:
         counts = np.zeros(shape)
@@ -179,6 +181,7 @@ def draw_density(
     for share, ramp in zip(shares, ramps, strict=True):
         cells = np.ma.masked_equal(share, 0.0).T
         panel.pcolormesh(*edges, cells, norm=_SCALE_OF_SHARES, cmap=ramp, rasterized=True)
+    return any(share.any() for share in shares)
 
 
 def _edges_of_pixels(

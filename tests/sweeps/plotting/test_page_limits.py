@@ -1,4 +1,4 @@
-"""Limits of the axes: what is drawn within them."""
+"""Limits of the axes: what is drawn within them, and what has nothing to draw."""
 
 import numpy as np
 import pytest
@@ -10,7 +10,7 @@ from sweeps.plotting import Page, bifurcation, parameter_map, section
 from tests.helpers.equal_points import R, equal_points
 from tests.sweeps.plotting import test_pictures
 
-FILES = {"map": test_pictures.FILES["map"]}
+FILES = {name: test_pictures.FILES[name] for name in ("map", "table")}
 
 
 @pytest.fixture
@@ -51,17 +51,50 @@ def test_the_ordinate_fits_the_part_of_a_motion_and_of_branches_in_view(dataset,
     assert high - low < 0.9 * (most - least)
 
 
-@pytest.mark.parametrize(
-    ("kind", "limits", "message"),
-    [
-        ("bifurcation", {"xlim": (5.0, 6.0)}, "xlim = 5:6"),
-        ("bifurcation", {"ylim": (1.0, 2.0)}, "ylim = 1:2"),
-        ("map", {"xlim": (5.0, 6.0)}, "xlim = 5:6"),
-    ],
-)
-def test_limits_beyond_the_data_are_refused(dataset, kind, limits, message):
-    with pytest.raises(Refused, match=f"nothing to draw with {message}; the data range from"):
-        plotting.KINDS[kind].draw(dataset, page=Page(**limits))
+WITHOUT_DATA = [
+    ("map", "bifurcation", {"below": "impulse"}, {"xlim": (2.31, 2.39)}, "xlim .* 2.3, 2.4"),
+    ("map", "bifurcation", {"color": "period"}, {"xlim": (2.31, 2.39)}, "xlim .* 2.3, 2.4"),
+    ("map", "section", {"color": "R"}, {"xlim": (-0.5101, -0.51)}, "xlim = -0.5101:-0.51; .*"),
+    ("map", "bifurcation", {}, {"xlim": (2.15, 2.25), "ylim": (-0.4, 0.0)},
+     "xlim = 2.15:2.25 and ylim = -0.4:0"),
+    ("map", "impacts", {"color": "period"}, {"xlim": (2.3, 3.1)}, ".* 2.22227, 3.19355"),
+    ("table", "table", {"axes": ["h"]}, {"xlim": (0.06, 0.09)}, "xlim = 0.06:0.09; .* 0.05, 0.1"),
+    ("map", "bifurcation", {}, {"xlim": (5.0, 6.0)}, "xlim = 5:6; the data range from .*"),
+    ("map", "bifurcation", {}, {"ylim": (1.0, 2.0)}, "ylim = 1:2; the data range from .*"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("file", "kind", "options", "limits", "message"), WITHOUT_DATA)
+def test_limits_beyond_or_between_data_are_refused(loaded, file, kind, options, limits, message):
+    with pytest.raises(Refused, match=f"nothing to draw with {message}$"):
+        plotting.KINDS[kind].draw(loaded[file], page=Page(**limits), **options)
+
+
+@pytest.mark.parametrize("xlim", [None, (2.15, 3.45), (2.31, 2.39)])
+def test_limits_between_the_branches_of_a_density_are_refused(dataset, monkeypatch, xlim):
+    """Of whole columns, and of those wider than the panel; limits that hold a value are drawn."""
+    monkeypatch.setattr("sweeps.plotting.diagram.DENSITY_FROM", 10)
+    x = dataset["poincare_x"].sel(R=0.6)
+    values = np.unique(x)
+    after = int(np.argmax(np.diff(values)))
+    low, high = values[after : after + 2].tolist()
+    gap, inside = (0.9 * low + 0.1 * high, 0.1 * low + 0.9 * high), x.sel(omega=2.3).values[-1]
+    with pytest.raises(Refused, match=rf"nothing to draw with .*ylim = {gap[0]:.3g}"):
+        bifurcation(dataset, page=Page(xlim=xlim, ylim=gap, marks=False))
+    page = Page(xlim=xlim, ylim=(inside - 1e-3, inside + 1e-3))
+    assert bifurcation(dataset, page=page).axes[0].collections[-1].get_array().count()
+
+
+@pytest.mark.parametrize("most", [10, 10**9])
+def test_what_lies_between_values_of_an_axis_is_drawn(dataset, one_impact, monkeypatch, most):
+    """The cell of a map, an exact branch, a measured point, the column of a density."""
+    monkeypatch.setattr("sweeps.plotting.diagram.DENSITY_FROM", most)
+    page, at = Page(xlim=(2.31, 2.39)), {"R": 0.8}
+    measured = {"omega": [2.35], "poincare_x": [-0.5]}
+    parameter_map(dataset, page=page)
+    for options in [{"exact": one_impact}, {"overlay": measured}, *([{}] if most == 10 else [])]:
+        figure = bifurcation(dataset, at=at, page=page, **options)
+        assert figure.axes[0].get_xlim() == page.xlim
 
 
 @pytest.mark.parametrize("side", ["x", "y"])
