@@ -124,17 +124,6 @@ def test_the_graze_of_a_doubled_orbit_ends_where_the_orbit_flips_and_grazes():
     assert len(ends) == 2 and ends[0] == pytest.approx(ends[1], abs=1e-6)
 
 
-def test_the_graze_of_the_free_oscillation_is_its_closed_form_with_the_meeting_marked():
-    start, ranges = one_impact_orbit(SCENE, 2), (("f", 0.2, 0.6), ("omega", 0.7, 0.9))
-    found = bifurcation_curve(start, "graze", *ranges)
-    f, omega = found.values.T
-    assert np.abs(f - np.hypot(1.0 - omega**2, 0.04 * omega)).max() < 1e-13
-    assert (found.speeds == 0.0).all()
-    for kind in ("flip", "fold"):
-        (point,) = [p for p in found.special if p.kind == kind]
-        assert point.value[1] == pytest.approx(MEETING, abs=1e-13)
-
-
 @pytest.mark.parametrize("last", [7.3, 18.0])
 def test_a_step_does_not_jump_to_another_curve_beside_its_own(last):
     """There the grazes of 8/6 have two sheets 3e-4 apart; on the other one they end soon."""

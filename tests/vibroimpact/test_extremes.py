@@ -93,15 +93,6 @@ def test_a_motion_that_sticks_turns_where_its_flight_does():
     assert x_min == pytest.approx(-0.786161452212077572, rel=1e-15)
 
 
-def test_a_free_motion_has_the_amplitude_of_the_linear_oscillator():
-    """At 2.3 with h = .1, f / ((1 - omega^2)^2 + 4 h^2 omega^2)^(1/2)."""
-    osc = Oscillator(h=0.1, R=0.7, omega=2.3, f=1.0, clearance=5.0)
-    out = integrate(osc.at(), transient=400, periods=3, extremes=True)
-    amplitude = 1.0 / math.hypot(1.0 - 2.3**2, 0.2 * 2.3)
-    np.testing.assert_allclose(out["x_max"], amplitude, rtol=1e-13)
-    np.testing.assert_allclose(out["x_min"], -amplitude, rtol=1e-13)
-
-
 def test_a_mass_at_rest_stays_at_the_stop():
     osc = Oscillator(h=0.1, R=0.5, omega=1.0, f=1.0, clearance=-2.0)
     out = integrate(osc.at(-2.0), transient=0, periods=2, extremes=True)

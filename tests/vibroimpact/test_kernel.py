@@ -189,14 +189,6 @@ def test_a_run_that_starts_at_the_section_of_another_continues_it(rule, integrat
     assert [x[-1] for x in begin["trajectory_x"]] == whole["poincare_x"][:, 5].tolist()
 
 
-def test_an_approach_on_the_stop_is_an_impact_where_a_run_starts_at_a_section():
-    point = one(R=0.5, v0=1.0, phase=2.0)
-    scheme = scheme_of(point, "exact", "exact", None, phase=2.0)
-    log = trajectories(point, scheme, periods=1)
-    assert log["trajectory_v"][0][:2].tolist() == [1.0, -0.5]
-    assert (log["trajectory_t"][0][:2] == 2.0 / point["omega"]).all()
-
-
 def test_the_workspace_begins_with_zeros():
     """The kernel computes with its initial contents, ten times as slowly if subnormal."""
     for _ in range(8):

@@ -204,7 +204,7 @@ def test_along_a_start_the_basin_changes(sweep):
     assert changes and {change.kind for change in changes} == {"basin"}
 
 
-def test_the_command_that_is_named_narrows_a_change_without_a_value(folder):
+def test_the_command_that_is_named_narrows_a_change_without_a_value(folder, unpainted):
     """A motion that rests leaves the stop: no branch of orbits ends there."""
     path = run_in(
         folder,
