@@ -2,8 +2,7 @@
 
 `FAULTS` is the table. Whatever happens, the run ends with one message, nothing is half written, an
 old sweep and the files of other programs stay, and the run that goes on ends with the same bits.
-`test_every_call.py` has the faults that may meet any call of the system. A full disk at 400 sizes:
-``pytest -m campaign tests/sweeps/store/test_faults.py``.
+`test_every_call.py` has the faults that may meet any call of the system.
 """
 
 import builtins
@@ -17,26 +16,22 @@ from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
-import numpy as np
 import pytest
 import xarray as xr
 
 from sweeps import load_config, open_sweep, run_sweep
 from sweeps.engine import estimate
-from sweeps.errors import Failed, StoreError, SweepError
+from sweeps.errors import StoreError, SweepError
 from sweeps.store import complete_file
 from sweeps.store.paths import check_output
 from sweeps.store.writer import SweepWriter
 from tests.helpers.commands import call
 from tests.helpers.sweep_files import data
 from tests.helpers.written_files import (
-    begun,
-    block_results,
     contents,
     fill_blocks,
     fill_disk,
     room_again,
-    schema,
 )
 from vibroimpact.status import Status
 
@@ -159,6 +154,7 @@ FAULTS = [
     Fault("file", fail, "", ALL, 6),
     # The disk is full.
     Fault("schema", fill_disk, "out.h5 cannot be created: File too large", NOTHING),
+    Fault("file", fill_disk, "out.h5 cannot be completed: File too large", ALL),
     Fault("block 2", fill_disk, "out.h5 cannot be written: File too large", ONE),
     Fault("block 4", lambda: fill_disk(FIRST.stat().st_size - 100), "n: File too large", THREE),
 ]
@@ -196,29 +192,6 @@ def test_a_fault_is_said_and_loses_nothing_else(monkeypatch, path, row):
     assert call("run", "sweep.yaml", "--quiet", go_on).exit_code == 0
     xr.testing.assert_identical(data("out.h5"), data(path))
     assert not PARTS.exists()
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    "sizes", [3, pytest.param(400, marks=pytest.mark.campaign)], ids=["some", "many"]
-)
-@pytest.mark.parametrize("compressed", [False, True])
-def test_a_disk_that_is_full_anywhere_in_the_complete_file_loses_nothing(whole, compressed, sizes):
-    """HDF5 alone would end the process."""
-    fill_blocks("size.h5", compressed=compressed)
-    full = Path("size.h5").stat().st_size
-    Path("size.h5").unlink()
-    with begun("out.h5", schema()) as (store, pending):
-        for block in pending:
-            store.write(block, block_results(block))
-        for size in np.linspace(0, full - 100, sizes):
-            with pytest.raises(Failed, match=r"out\.h5 cannot be completed: File too large$"):
-                with room_again():
-                    fill_disk(size)
-                    store.finish(compressed=compressed)
-    assert sorted(os.listdir()) == ["out.h5.parts", "sweep.yaml"]
-    fill_blocks("out.h5", results=None, resume=True, compressed=compressed)  # nothing is computed
-    xr.testing.assert_identical(data("out.h5"), whole)
 
 
 def turn_the_link():

@@ -116,22 +116,28 @@ def test_another_name_or_compression_is_no_other_sweep():
         pass
 
 
-@pytest.mark.parametrize("call", ["write", "truncate"])
-def test_an_error_of_a_call_of_hdf5_is_one_failure(monkeypatch, whole, call):
+@pytest.mark.parametrize("compressed", [False, True])
+@pytest.mark.parametrize(("call", "good"), [("write", 0), ("write", 9), ("truncate", 0)])
+def test_an_error_of_a_call_of_hdf5_is_one_failure(monkeypatch, whole, call, good, compressed):
     """In the schema of a new sweep, and in the last pass; HDF5 alone would end the process."""
+    done = []
 
-    def fail(*_):
-        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+    def fail(self, *given):
+        done.append(given)
+        if len(done) > good:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        return getattr(io.FileIO, call)(self, *given)
 
     failing = type("Failing", (io.FileIO,), {call: fail})
     fill_blocks("out.h5", 5)
     with monkeypatch.context() as patch:
         patch.setattr(complete_file, "_Draft", type("Draft", (complete_file._Draft, failing), {}))
         for name, action in (("new.h5", "created"), ("out.h5", "completed")):
+            done.clear()
             with pytest.raises(Failed, match=rf"{name} cannot be {action}: No space"):
-                fill_blocks(name, resume=True)
+                fill_blocks(name, resume=True, compressed=compressed)
     assert os.listdir() == ["out.h5.parts"]
-    resumed(whole)
+    resumed(whole, compressed=compressed)
 
 
 def test_the_last_pass_ends_when_the_disk_is_full(monkeypatch):
