@@ -2,6 +2,7 @@
 
 import logging
 import shutil
+import signal
 from contextlib import contextmanager
 from functools import cache, partial
 from pathlib import Path
@@ -16,7 +17,7 @@ from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.mathtext import MathTextParser
 from matplotlib.text import Text
 
-from sweeps import open_sweep
+from sweeps import interrupts, open_sweep
 from sweeps.attractor.knocks import Knock
 from sweeps.plotting import canvas
 from sweeps.store.writer import SweepWriter
@@ -223,6 +224,17 @@ def client(cluster):
 
     with Client(cluster, set_as_default=False) as client:
         yield client
+
+
+@pytest.fixture
+def handlers(monkeypatch):
+    """The state that the process of a command has from its start, and its handlers of signals."""
+    monkeypatch.setattr(interrupts, "_came", False)
+    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    interrupts.listen()
+    yield
+    for number, handler in before.items():
+        signal.signal(number, handler)
 
 
 @pytest.fixture

@@ -231,11 +231,9 @@ def test_where_no_scheduler_answers(monkeypatch, listens):
         assert told in refused_run("--dask", address)
 
 
-def test_an_interrupt_ends_the_wait_for_a_scheduler_that_is_silent(monkeypatch):
+def test_an_interrupt_ends_the_wait_for_a_scheduler_that_is_silent(monkeypatch, handlers):
     monkeypatch.setattr(clusters, "_PATIENCE", 20)
-    monkeypatch.setattr(interrupts, "_came", False)
     connections = queue.SimpleQueue()
-    before = signal.getsignal(signal.SIGINT), signal.getsignal(signal.SIGTERM)
     with socket.socket() as server:
         server.bind(("127.0.0.1", 0))
         server.listen()
@@ -247,13 +245,10 @@ def test_an_interrupt_ends_the_wait_for_a_scheduler_that_is_silent(monkeypatch):
         thread = threading.Thread(target=interrupt)
         thread.start()
         address = f"tcp://127.0.0.1:{server.getsockname()[1]}"
-        interrupts.listen()  # like the command; the handler alone ends nothing
         try:
             with pytest.raises(interrupts.Cancelled), clusters.connected(address):
                 pass
         finally:
-            signal.signal(signal.SIGINT, before[0])
-            signal.signal(signal.SIGTERM, before[1])
             thread.join()
             connections.get().close()
             gc.collect()

@@ -185,14 +185,6 @@ def test_trajectories_of_other_lengths(folder):
     assert f"the longest trajectory has {sizes[0]} and {sizes[1]} samples" in found.stdout
 
 
-def test_an_incomplete_sweep_is_compared(folder, small_file, stop_after):
-    with stop_after(1, 4), pytest.raises(KeyboardInterrupt):
-        run_in(folder, SMALL, name="part.h5")
-    found = lines_of(call("compare", "small.h5", "part.h5"))
-    assert found["status"].startswith("differs at 6 of 10 points, first at ")
-    assert found["status"].endswith(": certified and pending")
-
-
 @pytest.mark.parametrize(
     ("arguments", "parts"),
     [

@@ -98,24 +98,14 @@ def test_numbers_computed_in_python_are_drawn_over_the_axes_of_the_rig(joint):
     assert coloured.axes[1].get_xlabel() == r"forcing frequency $\nu$ [Hz]"
 
 
-def test_the_mean_force_on_the_stop_of_a_rig_is_in_newtons(joint):
+def test_a_diagram_of_a_rig_is_in_hertz_and_the_mean_force_on_the_stop_in_newtons(joint):
     with open_sweep(joint) as ds:
-        (_, panel) = plotting.bifurcation(ds, below=["mean_force"]).axes
-        at_rest = ds["rest_fraction"].values > 0.0
-        speeds, impacts = ds["fastest_impact"].values, ds["impacts_per_period"].values
-    assert panel.get_title(loc="left") == r"mean force on the stop $\overline{F}$ [N]"
-    x, y = panel.lines[0].get_data()
-    once = (impacts == 1.0) & ~at_rest
-    assert once.sum() > 6
-    assert y[once] == pytest.approx(MASS * (1.0 + R) * speeds[once] * x[once], rel=1e-6)
-
-
-def test_a_diagram_of_a_rig_is_in_hertz(joint):
-    with open_sweep(joint) as ds:
-        figure = plotting.bifurcation(ds, below=["impulse"])
+        figure = plotting.bifurcation(ds, below=["impulse", "mean_force"])
         speed, impacts = ds["fastest_impact"].values, ds["impacts_per_period"].values
-    panel, below = figure.axes
-    assert below.get_xlabel() == r"forcing frequency $\nu$ [Hz]"
+        at_rest = ds["rest_fraction"].values > 0.0
+    panel, below, force = figure.axes
+    assert force.get_xlabel() == r"forcing frequency $\nu$ [Hz]"
+    assert force.get_title(loc="left") == r"mean force on the stop $\overline{F}$ [N]"
     assert below.get_title(loc="left").endswith("per forcing period $J$ [N\N{NO-BREAK SPACE}s]")
     x, y = panel.lines[0].get_data()
     frequencies = linear_values(22, 41, 39)
@@ -127,6 +117,9 @@ def test_a_diagram_of_a_rig_is_in_hertz(joint):
     assert hits.sum() > 5
     drawn = below.lines[0].get_ydata()[hits]
     assert drawn == pytest.approx(MASS * (1.0 + R) * speed[hits], rel=1e-9)
+    (x, y), once = force.lines[0].get_data(), hits & ~at_rest
+    assert once.sum() > 6
+    assert y[once] == pytest.approx(MASS * (1.0 + R) * speed[once] * x[once], rel=1e-6)
     title = figure.get_suptitle().replace("\N{NO-BREAK SPACE}", " ")
     rig = "$m=0.5$ kg, $c=4$ N s/m, $R=0.7$, $F=8$ N, $k=8000$ N/m, $\\sigma=0.5$ mm,"
     assert rig in title
