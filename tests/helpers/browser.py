@@ -62,7 +62,6 @@ class Window:
         self,
         browser: Any,
         explorer: Explorer,
-        address: str | None = None,
         size: tuple[int, int] = (720, 360),
     ) -> None:
         self.requests: list[str] = []
@@ -72,10 +71,15 @@ class Window:
         self.tab.set_default_timeout(1000.0 * PATIENCE)
         self.tab.on("request", lambda request: self.requests.append(request.url))
         self.tab.on("pageerror", lambda error: self.problems.append(str(error)))
-        self.tab.goto(address or explorer.address)
+        self.explorer = explorer
+        self.open(explorer.address)
+
+    def open(self, address: str) -> None:
+        """Open an address, which makes a page of its own, and wait for its picture."""
+        self.tab.goto(address)
         # A page that took long to load is made again.
         self.tab.wait_for_function("window.Bokeh?.documents?.length")
-        self.page: LivePage = explorer.pages[-1]
+        self.page: LivePage = self.explorer.pages[-1]
         self.settle(lambda: self.page.diagram.snapshot is not None)
         # A drag that begins with 300 ms of rest is ignored, and a busy machine may be that slow.
         self.tab.evaluate("Bokeh.require('core/ui_gestures').UIGestures.press_threshold = 1e9")
@@ -94,7 +98,7 @@ class Window:
         while time.monotonic() < deadline:
             if self.idle() and condition() and self.painted():
                 return
-            self.tab.wait_for_timeout(20)
+            self.tab.wait_for_timeout(50)
         place = f"{self.page.view}, {self.page.motion.text.text}"
         raise AssertionError(f"the page did not come to rest: {place}")
 
@@ -117,7 +121,7 @@ class Window:
                 expected = [*tiles.pixels.shape, int(tiles.pixels.sum(dtype=int))]
                 if self.model(f"{name} pixels", code) == expected and self.idle():
                     return tiles
-            self.tab.wait_for_timeout(20)
+            self.tab.wait_for_timeout(50)
         raise AssertionError(f"no map: {self.page.controls.error.text}")
 
     def shows_motion(self) -> bool:

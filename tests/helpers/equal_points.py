@@ -63,11 +63,11 @@ def colours(figure):
 
 
 def legend(figure):
-    """Return the colours by the labels."""
+    """Return the colours of the patches of a legend by their labels."""
     if not figure.legends:
         return {}
     (one,) = figure.legends
-    handles = zip(one.get_texts(), one.get_patches(), strict=True)
+    handles = zip(one.get_texts(), one.get_patches(), strict=False)  # lines come last
     return {text.get_text(): to_hex(patch.get_facecolor()) for text, patch in handles}
 
 

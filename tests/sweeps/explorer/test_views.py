@@ -8,7 +8,6 @@ from dataclasses import asdict, replace
 
 import numpy as np
 import pytest
-from bokeh.document import Document
 from bokeh.models import GlyphRenderer, LogScale
 
 import sweeps
@@ -16,7 +15,6 @@ from sweeps import ConfigError, Refused, load_config, open_sweep, run_sweep
 from sweeps.engine.executors import compute_all
 from sweeps.explorer.live_diagram import Diagram, density, ordinates, ramp
 from sweeps.explorer.live_motion import motion_at
-from sweeps.explorer.live_page import LivePage
 from sweeps.explorer.view import BASINS_TAB, DIAGRAM_TAB, MAP_TAB, View, window_bounds, write_yaml
 from sweeps.plotting.style import PARTIAL
 from tests.helpers.commands import refused
@@ -171,34 +169,31 @@ def test_the_numbers_are_those_of_a_run(view, tmp_path):
             np.testing.assert_array_equal(results[name], dataset[name].values)
 
 
-def test_a_change_of_size_labels_the_axes_and_keeps_the_messages(view, tmp_path):
+def test_a_change_of_size_labels_the_axes_and_keeps_the_messages(view, page_of):
     """Axis labels change the size of a picture, so a finer picture may change it."""
-    page = LivePage(Document(), view, tmp_path)
+    page = page_of(view)
     page._refuse("no")
     for width, label in ((30, "ω"), (400, "forcing frequency ω"), (30, "ω")):
         page._resized(page.diagram, "inner_width", 0, width)
         assert page.diagram.figure.xaxis.axis_label == label
     assert page.controls.error.text == "no"
-    page.worker.shutdown()
 
 
-def test_a_late_picture_of_a_zoom_does_not_fit_all_points(view, tmp_path):
-    page = LivePage(Document(), view, tmp_path)
+def test_a_late_picture_of_a_zoom_does_not_fit_all_points(view, page_of):
+    page = page_of(view)
     for seen in (view, replace(view, ylim=(-1.0, 0.0))):
         picture = page.diagram._draw(seen, seen.diagram(9), 20)
         page.diagram._paint(picture, 0.0)
         assert (page.diagram.source.data["fit"][0] == picture.window) == (seen is view)
-    page.worker.shutdown()
 
 
-def test_every_column_that_is_sent_is_drawn(view, tmp_path):
-    page, drawn = LivePage(Document(), view, tmp_path), defaultdict(set)
+def test_every_column_that_is_sent_is_drawn(view, page_of):
+    page, drawn = page_of(view), defaultdict(set)
     for marks in page.document.select({"type": GlyphRenderer}):
         specs = (getattr(marks.glyph, name) for name in marks.glyph.dataspecs())
         drawn[marks.data_source] |= {str(getattr(spec, "field", spec)) for spec in specs}
     for source, columns in drawn.items():
         assert set(source.data) - {"orbit"} <= columns, source.name
-    page.worker.shutdown()
 
 
 @pytest.mark.parametrize("tab", [DIAGRAM_TAB, MAP_TAB, BASINS_TAB])
@@ -218,8 +213,8 @@ def test_a_saved_configuration_names_its_own_commands(view, tmp_path, tab, name)
 
 @pytest.mark.slow
 @pytest.mark.parametrize("key", ["periods", "impacts"])
-def test_more_than_the_memory_is_refused_with_both_figures(view, tmp_path, key):
-    page = LivePage(Document(), view, tmp_path)
+def test_more_than_the_memory_is_refused_with_both_figures(view, page_of, key):
+    page = page_of(view)
     page.diagram.size = (4096, 400)
     page.change(lambda view: view.with_query(f"{key}=1000000"))
     two_figures = r"4,096 points takes about [\d.]+ GB of memory, and only [\d.]+ [MG]B are"
@@ -227,17 +222,16 @@ def test_more_than_the_memory_is_refused_with_both_figures(view, tmp_path, key):
     assert page._steps() == []
     page.change(lambda view: view.with_query("periods=100&impacts=64"))
     assert page.controls.error.text == "" and page._steps()
-    page.worker.shutdown()
 
 
 @pytest.mark.slow
-def test_a_logarithmic_axis_is_shown_as_one(tmp_path):
+def test_a_logarithmic_axis_is_shown_as_one(page_of):
     config = load(
         "oscillator: {h: {start: 1e-3, stop: 1.0, num: 50, spacing: log}, R: 0.8, f: 1.0,\n"
         "             omega: {start: 0.3, stop: 6.0, num: 40, spacing: log}}\n"
         "record: {transient: 20, periods: 10}\n"
     )
-    page = LivePage(Document(), View.of(config), tmp_path)
+    page = page_of(View.of(config))
     assert page.map.figure.yaxis.ticker.ticks == pytest.approx([0.5, 1.0, 2.0, 5.0])
     h, omega = np.geomspace(1e-3, 1.0, 16), np.geomspace(0.3, 6.0, 10)
     # An axis rounds the exact series once; geomspace has errors of its own.
@@ -257,7 +251,6 @@ def test_a_logarithmic_axis_is_shown_as_one(tmp_path):
     page.change(lambda view: view.with_axis("h"))
     assert isinstance(figure.x_scale, LogScale)
     assert page.view.xlim == pytest.approx((1e-4, 1e-2))  # around the first value
-    page.worker.shutdown()
 
 
 def test_pixels_are_the_shares_of_their_columns():
@@ -285,13 +278,13 @@ def test_the_colours_are_those_of_the_files_pictures():
 
 
 @pytest.mark.slow
-def test_failed_points_are_marked_and_named(tmp_path):
+def test_failed_points_are_marked_and_named(page_of):
     config = load(
         "oscillator: {h: 0.0, R: 0.8, omega: [0.5, 3.0], f: 1.0}\n"
         "method: {integrator: rk4, impact: plain, steps_per_period: 4, allow_unstable: true}\n"
         "record: {transient: 2000, periods: 10}\n"
     )
-    page = LivePage(Document(), View.of(config), tmp_path)
+    page = page_of(View.of(config))
     diagram, columns = page.diagram, 60
     shown = diagram._draw(page.view, page.view.diagram(columns), 40)
     failed = shown.results["status"] == Status.NON_FINITE
@@ -304,23 +297,21 @@ def test_failed_points_are_marked_and_named(tmp_path):
     label = f"{Status.NON_FINITE.meaning} ({failed.sum()} of {columns})"
     assert item.label["value"] == label  # a text alone would name a column
     assert not shown.pixels[:, 1:][:, failed[1:] & failed[:-1]].any()
-    page.worker.shutdown()
 
 
 @pytest.mark.slow
-def test_points_that_show_part_of_a_repetition_are_marked(tmp_path):
+def test_points_that_show_part_of_a_repetition_are_marked(page_of):
     """At omega = 0.2 a period has 122 impacts, of which 64 are kept; at 2.3 it has one."""
     oscillator = {"h": 0.05, "R": 0.9, "omega": [0.2, 2.3], "f": 1.0}
     record = {"transient": 20, "periods": 10}
     view = View.of(load_config({"oscillator": oscillator, "record": record}))
-    page = LivePage(Document(), view, tmp_path)
+    page = page_of(view)
     for ordinate, marked in (("impact_v", [0.2]), ("poincare_x", [])):
         seen = replace(page.view, ordinate=ordinate)
         page.diagram._paint(page.diagram._draw(seen, seen.diagram(2), 40), 1.0)
         source, item = page.diagram._strips[PARTIAL]
         np.testing.assert_array_equal(source.data["x"], marked)
         assert item.visible == page.diagram.legend.visible == bool(marked)
-    page.worker.shutdown()
 
 
 def test_without_bokeh_the_extra_is_named(monkeypatch):

@@ -8,7 +8,6 @@ from matplotlib.collections import QuadMesh
 from matplotlib.colors import to_hex
 
 from sweeps import load_config, open_sweep, run_sweep
-from sweeps.bifurcation.exact_branches import branches
 from sweeps.errors import Refused
 from sweeps.opened.opened_sweep import OpenedSweep
 from sweeps.plotting import attractor_diagram, bifurcation, diagram, impacts, section, trajectory
@@ -28,6 +27,7 @@ follow: {axis: omega, direction: both}
 record: {transient: 150, periods: 4, trajectory: {every: 8}, diagnostics: [period]}
 """
 UP, DOWN = (look.colour for look in DIRECTION_LOOKS[False])
+WAYS = [r"up, $\omega \rightarrow$", r"down, $\omega \leftarrow$"]
 
 
 def markers(panel):
@@ -56,11 +56,7 @@ def test_neither_direction_hides_the_other(dataset, order):
         drawn = {tuple(point) for point in (*points[colour], *both)}
         assert {tuple(point) for point in expected.reshape(-1, 2)} <= drawn
     assert set(both[:, 0]) == set(omega) - set(apart)
-    assert legend_texts(figure)[:3] == [
-        r"up, $\omega \rightarrow$",
-        r"down, $\omega \leftarrow$",
-        "both",
-    ]
+    assert legend_texts(figure)[:3] == [*WAYS, "both"]
     assert "followed" not in figure.get_suptitle()
 
 
@@ -146,9 +142,8 @@ def test_colours_tell_the_directions_apart(dataset):
         expected = dataset["poincare_x"].sel(direction=way, omega=1.5, h=0.05).values[-1]
         assert seen[colour] == pytest.approx(expected, rel=1e-6)
     assert [to_hex(line.get_color()).upper() for line in figures[1].axes[2].lines[:2]] == [UP, DOWN]
-    ways = [r"up, $\omega \rightarrow$", r"down, $\omega \leftarrow$"]
-    assert all(legend_texts(figure)[:2] == ways for figure in figures[:2])
-    assert legend_texts(figures[2]) == ways[:1]  # down has no impact
+    assert all(legend_texts(figure)[:2] == WAYS for figure in figures[:2])
+    assert legend_texts(figures[2]) == WAYS[:1]  # down has no impact
     both = [bifurcation(dataset, color=color) for color in ("direction", None)]
     (points, _), (usual, _) = (markers(one.axes[0]) for one in both)
     assert points.keys() == usual.keys()
@@ -179,11 +174,6 @@ def test_a_density_tells_the_directions_apart(dataset, monkeypatch):
     assert legend_texts(figure)[2] == "both"
     one = bifurcation(dataset, at={"direction": "down"})
     assert len([m for m in one.axes[0].collections if isinstance(m, QuadMesh)]) == 1
-
-
-def test_exact_branches_over_both_directions_have_a_legend(dataset):
-    exact = branches(dataset, classes=[(1, 1)])
-    assert bifurcation(dataset, exact=exact, coordinate="impact_v").legends
 
 
 def test_what_is_missing_is_counted_in_both_directions(stop_after):

@@ -1,6 +1,7 @@
 """Points of a table over pictures, labels of axes that a page gives, and their units."""
 
 import os
+from functools import partial
 from itertools import pairwise
 from pathlib import Path
 
@@ -13,7 +14,7 @@ from matplotlib.figure import Figure
 from sweeps import open_sweep
 from sweeps.errors import Refused
 from sweeps.opened import result_cache
-from sweeps.plotting import KINDS, Page, bifurcation, parameter_map, plot, table_panels
+from sweeps.plotting import KINDS, Page, api, bifurcation, parameter_map, plot, table_panels
 from sweeps.plotting.labels import tick_in_decades
 from tests.helpers.commands import SMALL, accepted, refused
 from tests.helpers.equal_points import equal_points, legend_texts
@@ -216,6 +217,34 @@ def test_a_unit_in_a_label_is_that_of_ticks_and_overlay(rig, text, factor, with_
     np.testing.assert_allclose(points(figure.axes[0]), [[25.0, 1e-4]])
 
 
+def test_limits_are_in_the_unit_that_the_axis_shows(files, rig, monkeypatch):
+    drawn, path = [], files / "rig.h5"
+    monkeypatch.setattr(api, "save", lambda figure, *about: drawn.append(figure))
+    wanted = ("plot", path, "--kind", "bifurcation", "--ylim")
+    for limits in ("-0.9:0.5", "-0.9:0.5mm", "-900:500 um", "-0.0009:0.0005m"):
+        accepted(*wanted, limits)
+    accepted(*wanted, "-0.09:0.05")
+    drawn.append(bifurcation(rig, page=Page(ylim=(-0.9e-3, 0.5e-3))))
+    units, ends = ["mm", "mm", "\N{MICRO SIGN}m", "m", "mm", "mm"], np.array([-0.9e-3, 0.5e-3])
+    for number, (figure, unit) in enumerate(zip(drawn, units, strict=True)):
+        figure.draw_without_rendering()
+        panel = figure.axes[0]
+        assert panel.get_ylabel().endswith(f"[{unit}]")  # also where its own prefix is another
+        np.testing.assert_allclose(panel.get_ylim(), 0.1 * ends if number == 4 else ends)
+    told = refused(*wanted, "-1:1km")
+    assert "ylim = -1:1 in km is not allowed; expected: m or mm" in told
+    assert "--ylim 1mm is not allowed" in refused(*wanted, "1mm")
+
+
+def test_the_start_of_a_motion_is_said_where_its_time_stands(rig):
+    draw = partial(KINDS["trajectory"].draw, rig, at={"frequency": 25}, periods=4)
+    plain, own = draw(), draw(page=Page(title=""))
+    label = own.axes[-1].get_xlabel().replace("\N{NO-BREAK SPACE}", " ")
+    assert "$t-t_0$ [s], $t_0=" in label and "t_0=" not in plain.axes[-1].get_xlabel()
+    title = plain.get_suptitle().replace("\N{NO-BREAK SPACE}", " ")
+    assert label.split(", ")[-1] in title
+
+
 def test_a_label_that_cannot_be_drawn_is_refused(files, rig, table):
     refusal = r"^xlabel = 'a \$x_\$ b' is not allowed; expected: a text with formulas"
     for kind, dataset in (("section", rig), ("table", table)):
@@ -262,9 +291,7 @@ def test_a_bar_has_the_prefix_of_its_ticks_and_so_has_a_measured_value(with_layo
 @pytest.mark.parametrize(
     ("h", "omega", "page"),
     [
-        ((1e-6, 1.0), (0.1, 10.0), {"width": 2.0}),
         ((1e-3, 1e4), (1.0, 7.0), {"width": 2.6, "height": 2.8, "xlim": (2.2, 4.8)}),
-        ((0.02, 0.2), (1e-9, 99.0), {"width": 5.0}),
         ((0.02, 0.2), (1e-3, 0.5), {"width": 1.6}),
         ((1e-6, 1.0), (1e-3, 1e3), {"width": 12.0, "height": 9.0}),
         ((0.1, 0.2), (0.9999, 1.0001), {"width": 3.0}),

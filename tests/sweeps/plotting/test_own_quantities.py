@@ -20,6 +20,7 @@ from sweeps.plotting import (
 )
 from sweeps.plotting.looks import period_cells
 from sweeps.store.xarray_engine import open_sweep
+from tests.helpers.equal_points import legend
 from tests.helpers.sweep_files import swept
 from vibroimpact import Status
 
@@ -49,11 +50,6 @@ def own(dataset, **about):
 def points_of(figure):
     (marks,) = (c for c in figure.axes[0].collections if len(c.get_offsets()))
     return np.asarray(marks.get_offsets()), marks.get_facecolors()
-
-
-def legend(figure):
-    (one,) = figure.legends
-    return {t.get_text(): to_hex(p.get_facecolor()) for t, p in zip(one.texts, one.get_patches())}  # noqa: B905
 
 
 def test_a_quantity_of_ones_own_is_mapped_with_its_label_and_units(dataset):
@@ -115,14 +111,11 @@ def test_the_mean_force_has_no_value_where_the_mass_rests():
 
 
 @pytest.mark.slow
-def test_any_variable_of_the_dataset_is_mapped(dataset):
+def test_any_variable_of_the_dataset_is_mapped_also_if_it_is_given_as_a_dataarray(dataset):
     wider = dataset.assign(loud=dataset["fastest_impact"] > 1.0, phase_now=dataset["omega"] * 2.0)
     for name in ("chatters", "orbit_x", "class_evidence", "loud", "phase_now", "R"):
         parameter_map(wider, quantity=name).draw_without_rendering()
     assert "repeats" in legend(parameter_map(dataset, quantity="class_evidence"))
-
-
-def test_a_variable_given_as_a_dataarray_is_that_of_its_name(dataset):
     one, other = (parameter_map(dataset, quantity=q) for q in ("period", dataset["period"]))
     assert legend(one) == legend(other) and "1/1" in legend(one)
 
@@ -369,3 +362,15 @@ def test_the_peak_to_peak_displacement_is_what_the_samples_nearly_reach(recorded
     np.testing.assert_allclose(drawn, sampled, rtol=1e-4)
     assert (drawn >= sampled).all() and (drawn > sampled).any()
     np.testing.assert_array_equal(below.get_ydata(), drawn[1])
+
+
+@pytest.mark.parametrize("name", ["peak_to_peak", "x_min", "x_max"])
+def test_an_extreme_is_the_ordinate_of_a_diagram(recorded, name):
+    panel = bifurcation(recorded, coordinate=name, at={"R": 0.8}).axes[0]
+    (dots,) = (line for line in panel.lines if line.get_marker() == "o" and len(line.get_ydata()))
+    x_min, x_max = (recorded[each].sel(R=0.8).values for each in ("x_min", "x_max"))
+    expected = {"peak_to_peak": x_max - x_min, "x_min": x_min, "x_max": x_max}[name]
+    np.testing.assert_array_equal(dots.get_ydata(), expected)
+    assert "displacement" in panel.get_ylabel()
+    with pytest.raises(Refused, match=r"did you mean peak_to_peak\?.*x_max"):
+        bifurcation(recorded, coordinate="peak_to_peek")

@@ -13,6 +13,7 @@ from matplotlib.text import Text
 from PIL import Image
 
 from sweeps import branches, plotting
+from sweeps.attractor.knocks import Knock
 from sweeps.errors import Refused
 from sweeps.plotting import Page
 from sweeps.plotting.saving import save, save_chart
@@ -94,7 +95,10 @@ NARROW = [
 
 
 @pytest.mark.parametrize(("file", "kind", "options"), NARROW)
-def test_on_a_column_nothing_collides_and_all_is_legible(loaded, file, kind, options, with_layout):
+@pytest.mark.usefixtures("with_layout", "no_knocks")
+def test_on_a_column_nothing_collides_and_all_is_legible(loaded, monkeypatch, file, kind, options):
+    knock = Knock(0.5, -1.0, 0.0, 0.5, 1.0, 0)
+    monkeypatch.setattr("sweeps.attractor.knocks._Attractors.worst", lambda *_: knock)
     if "exact" in options:
         options = {**options, "exact": branches(loaded[file], classes=options["exact"])}
     figure = plotting.KINDS[kind].draw(loaded[file], page=Page(width=3.4), **options)
@@ -126,24 +130,28 @@ def test_no_tick_label_is_cut_at_any_width(dataset, tmp_path, with_layout):
         assert (imread(tmp_path / "page.png")[:, [0, -1], :3] > 0.9).all(), width
 
 
-def test_two_parameters_with_a_period_give_a_map_and_a_value_that_was_not_chosen_is_said(draw):
-    small = ("--dpi", "60")
-    default = draw("-o", "default.png", *small)
-    assert (default.stdout, default.stderr) == ("default.png\n", "")
-    draw("-o", "map.png", "--kind", "map", *small)
+def test_two_parameters_with_a_period_give_a_map_and_a_value_that_was_not_chosen_is_said(
+    draw, unpainted, monkeypatch
+):
+    def drawing(kind, *_, **__):
+        drawn.append(kind.function)
+        return Figure()
+
+    drawn = []
+    monkeypatch.setattr(plotting.api.Kind, "draw", drawing)
     said = "R = 0.6, the first of 2: --at R=VALUE takes another\n"
-    assert draw("-o", "diagram.png", "--kind", "bifurcation", *small).stderr == said
-    default, shown, other = (imread(f"{name}.png") for name in ("default", "map", "diagram"))
-    assert np.array_equal(default, shown) and default.shape != other.shape
-    for choice, told in (
-        (["--axis", "R"], "omega = 2.2, the first of 13: --at omega=VALUE takes another\n"),
-        (["--at", "R=0.8"], ""),
-        (["--coordinate", "poincare_v"], said),
-    ):
-        drawn = draw(*choice, "-o", "map.png", *small)
-        assert (drawn.exit_code, drawn.stderr) == (0, told)
-        assert imread("map.png").shape != shown.shape
-    assert draw("--kind", "section", *small).stderr.count("the first of") == 2
+    for choice, kind, told in (
+        ([], "parameter_map", ""),
+        (["--kind", "map"], "parameter_map", ""),
+        (["--kind", "bifurcation"], "bifurcation", said),
+        (["--axis", "R"], "bifurcation", "omega = 2.2, the first of 13: --at omega=VALUE takes "
+         "another\n"),
+        (["--at", "R=0.8"], "bifurcation", ""),
+        (["--coordinate", "poincare_v"], "bifurcation", said),
+    ):  # fmt: skip
+        result = draw(*choice)
+        assert (result.exit_code, result.stderr, drawn.pop()) == (0, told, kind)
+    assert draw("--kind", "section").stderr.count("the first of") == 2
 
 
 def test_a_scalar_is_drawn_below_on_the_same_axis(dataset):

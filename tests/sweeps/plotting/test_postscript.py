@@ -1,4 +1,4 @@
-"""Pictures as EPS: what they look like without transparency, and what their files say."""
+"""Pictures as EPS: what they look like without transparency, and what their files say; TIFF."""
 
 import logging
 import re
@@ -9,6 +9,7 @@ import pytest
 from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from matplotlib.image import imread
+from PIL import Image
 
 from sweeps.errors import Refused
 from sweeps.plotting import Page, plot
@@ -126,6 +127,17 @@ def test_the_fonts_are_of_a_type_that_journals_take_and_the_file_says_where_it_c
     assert set(re.findall(r"/FontType (\d+)", text)) == {"42"}
     for part in ("% oscillator: {h: 0.1", "Creator: vibroimpact 0", "% computed with", command):
         assert part in text
+
+
+def test_a_tiff_has_the_pixels_of_the_png_and_its_description(tmp_path):
+    for name in ("a.png", "a.tiff"):
+        plot(equal_points(), tmp_path / name, "map", page=Page(dpi=60, width=3.4))
+    with Image.open(tmp_path / "a.tiff") as image:
+        assert image.mode == "RGB" and image.info["compression"] == "tiff_lzw"
+        assert image.info["dpi"] == pytest.approx((60, 60), abs=0.01)
+        assert "configuration:" in image.tag_v2[270] and "vibroimpact" in image.tag_v2[305]
+        pixels = np.asarray(image) / 255.0
+    np.testing.assert_allclose(pixels, imread(tmp_path / "a.png")[..., :3], atol=1e-6)
 
 
 @pytest.mark.parametrize("ending", ["eps", "pdf", "svg"])

@@ -102,26 +102,32 @@ def test_the_commonest_rest_stands_for_the_share_of_all():
     assert shares == pytest.approx({"1/1": 2395, "rest, 1 period": 5, "rest, 2 periods": 2})
 
 
-#: Shares of the classes in per cent; the others are 1 % each.
-SHARES = {(1, 1): 27, (2, 1): 24, (1, 2): 8, (3, 1): 6, (2, 2): 5}
+def map_of(shares, rows, columns, order, **changed):
+    """Return a map of motions in shares in per cent: column by column, or in an order by chance."""
+    axes = {"R": np.linspace(0.3, 0.9, rows), "omega": np.linspace(1.0, 4.0, columns)}
+    dataset = equal_points(axes=axes, **changed)
+    counts = [round(0.01 * rows * columns * share) for share in shares.values()]
+    kinds = order(np.repeat([*shares], counts)).reshape(columns, rows).T
+    for name in shares:
+        here, digits = kinds == name, [int(each) for each in re.findall(r"\d+", name)] or [0]
+        dataset["period"].values[here] = digits[0]
+        dataset["period_impacts"].values[here] = digits[-1]
+        dataset["rest_fraction"].values[here] = 0.5 * name.startswith("rest")
+        dataset["lyapunov"].values[here] = 0.5 if name == "chaotic" else -0.3
+    return dataset
+
+
+#: Shares of the classes in per cent.
+SHARES = {f"{m}/{q}": 1 for m, q in CLASSES}
+SHARES |= {"1/1": 27, "2/1": 24, "1/2": 8, "3/1": 6, "2/2": 5}
 
 
 def many_entries():
     """Return a map with all classes in shares, and as many further entries as there can be."""
-    axes = {"R": np.linspace(0.3, 0.9, 10), "omega": np.linspace(1.0, 4.0, 100)}
+    shares = SHARES | {"5/1": 11, "rest, 5 periods": 3, "chaotic": 3, "unknown": 4}
     status = {(0, 0): Status.UNRESOLVED, (1, 0): Status.NON_FINITE, (2, 0): Status.PENDING}
     near = {(row, 1): 0.1 for row in range(5)}
-    dataset = equal_points(axes=axes, status=status, orbit_distance=near)
-    one_each = dict.fromkeys(CLASSES, 1) | SHARES
-    columns = np.repeat(np.arange(len(CLASSES)), list(one_each.values()))
-    m, q = np.array(list(one_each))[columns].T
-    dataset["period"].values[:, : len(m)] = m
-    dataset["period_impacts"].values[:, : len(m)] = q
-    dataset["period"].values[:, len(m) :] = 5
-    dataset["rest_fraction"].values[:, 90:93] = 0.5
-    dataset["period"].values[:, 93:] = 0
-    dataset["lyapunov"].values[:, 93:96, 0] = 0.5
-    return dataset
+    return map_of(shares, 10, 100, np.asarray, status=status, orbit_distance=near)
 
 
 def entries(legend):
@@ -139,8 +145,7 @@ def test_a_legend_has_the_commonest_classes_on_every_page(width, height, grey):
     figure.draw_without_rendering()
     (one,) = figure.legends
     shown = entries(one)
-    share = {f"{m}/{q}": SHARES.get((m, q), 1) for m, q in CLASSES} | {"rest": 3.01}
-    share |= {"chaotic (3.01 %)": 3.01, "unknown (4.01 %)": 4.01}
+    share = SHARES | {"rest": 3.01, "chaotic (3.01 %)": 3.01, "unknown (4.01 %)": 4.01}
     left_out = [of for text, of in share.items() if text not in shown]
     kept = [of for text, of in share.items() if text in shown]
     assert max(left_out, default=0) <= min(kept) and (height or {*left_out} <= {1})
@@ -181,19 +186,8 @@ SCATTERED = {
 
 def scattered():
     """Return a map of motions in shares, in an order by chance; the others are chaotic."""
-    axes = {"R": np.linspace(0.3, 0.9, 40), "omega": np.linspace(1.0, 4.0, 50)}
-    dataset = equal_points(axes=axes)
-    kinds = np.repeat(np.arange(len(SCATTERED)), [round(20 * of) for of in SCATTERED.values()])
-    kinds = np.pad(kinds, (0, 2000 - len(kinds)), constant_values=-1)
-    kinds = np.random.default_rng(1).permutation(kinds).reshape(40, 50)
-    dataset["lyapunov"].values[kinds < 0] = 0.5
-    dataset["period"].values[kinds < 0] = 0
-    for number, name in enumerate(SCATTERED):
-        here, digits = kinds == number, re.findall(r"\d+", name)
-        dataset["period"].values[here] = int(digits[0]) if digits else 0
-        dataset["period_impacts"].values[here] = int(digits[-1]) if digits else 0
-        dataset["rest_fraction"].values[here] = 0.5 * name.startswith("rest")
-    return dataset
+    by_chance = np.random.default_rng(1).permutation
+    return map_of(SCATTERED | {"chaotic": 28.8}, 40, 50, by_chance)
 
 
 def bent_curves(count):

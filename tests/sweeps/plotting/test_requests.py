@@ -148,6 +148,7 @@ def without_impacts(random_sweep):
         ({"at": {"R": 0.9}}, "R = 0.9 is outside the sweep: 0.5 to 0.8"),
         ({"coordinate": "status"}, "status is not a coordinate of the motion; choose from: poi"),
         ({"coordinate": "impact_v"}, "has no impact_v to draw; choose from: poincare_x, poin"),
+        ({"coordinate": "peak_to_peak"}, r"follows from x_min.*record.diagnostics: \[extremes\]"),
         ({"kind": "section", "axes": ["R"]}, "for bifurcation or attractors or map or table only"),
         ({"kind": "section", "quantity": "period"}, "quantity can be chosen for map or table"),
         (
@@ -202,7 +203,7 @@ def outcome(call, *arguments, **options):
 
 
 @pytest.mark.parametrize(("call", "shape", "argument"), NAMES_ALONE)
-def test_a_name_alone_means_that_name(files, call, shape, argument):
+def test_a_name_alone_means_that_name(files, no_knocks, call, shape, argument):
     """And not the names of its letters."""
     ((option, name),) = argument.items()
     with open_sweep(files / f"{shape}.h5") as dataset:
@@ -287,7 +288,7 @@ FILES = {shape: SHAPES[shape] + PERIODIC for _, shape, _ in NAMES_ALONE}
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("shape", "blocks"), [*((shape, 0) for shape in SHAPES), ("table", None)])
-def test_every_command_draws_or_refuses_every_file(shape, blocks, laid_out):
+def test_every_command_draws_or_refuses_every_file(shape, blocks, unpainted):
     """A refusal is one line; without a finished block only maps have something to show."""
     config = load(SHAPES[shape] + RECORD)
     if blocks is None:
