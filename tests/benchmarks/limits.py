@@ -15,6 +15,7 @@ import llvmlite.binding as llvm
 import numba
 from numba import njit
 
+_STEPPING = ("euler", "semi-implicit-euler", "verlet", "newmark", "rk4")
 #: The limits for vectors of 512 and of 256 bits: two thirds above values measured on one server
 #: processor (Sapphire Rapids; for reduced-step: Zen 4). There the best round repeats to 10 %; the
 #: rest of the margin is for other processors. A loop that is no longer vectorized takes three times
@@ -24,18 +25,10 @@ LIMITS = {
     # On one processor (Zen) 1.8 to 2.1; but 3.4 to 3.8 for minutes while another machine works on
     # the same cores, which slows down vectors but not the reference. Without vectors it is 4.65;
     # with vectors of 256 bits 2.75, which ``test_vectors.py`` finds in the machine code.
-    "plain, euler": (4.2, 4.88),
-    "plain, semi-implicit-euler": (4.2, 4.88),
-    "plain, verlet": (4.2, 4.88),
-    "plain, newmark": (4.2, 4.88),
-    "plain, rk4": (4.2, 4.88),
+    **{f"plain, {integrator}": (4.2, 4.88) for integrator in _STEPPING},
     "plain, exact": (4.2, 5.0),
     "plain, rk4, all recorded": (5.12, 8.25),
-    "reduced-step, euler": (5.8, 8.3),
-    "reduced-step, semi-implicit-euler": (5.8, 8.3),
-    "reduced-step, verlet": (5.8, 8.3),
-    "reduced-step, newmark": (5.8, 8.3),
-    "reduced-step, rk4": (5.8, 8.3),
+    **{f"reduced-step, {integrator}": (5.8, 8.3) for integrator in _STEPPING},
     "reduced-step, exact": (8.8, 10.8),
     "cubic, euler": (18.1, 23.2),
     "cubic, semi-implicit-euler": (13.4, 17.6),

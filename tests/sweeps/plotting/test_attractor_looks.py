@@ -128,7 +128,7 @@ def test_a_grey_picture_has_no_colour_and_names_all_classes(drawn):
                drawn("integrity", grey=True)]  # fmt: skip
     for figure in figures:
         image = BytesIO()
-        figure.savefig(image, format="png", dpi=80)
+        figure.savefig(image, format="png", dpi=40)
         assert np.ptp(np.asarray(Image.open(image).convert("RGB"), int), axis=2).max() == 0
     panels = [panel for figure in figures for panel in figure.axes[:3]]
     for panel in panels:

@@ -54,15 +54,6 @@ def test_points_that_failed_are_marked_without_marks():
     assert legend_texts(bifurcation(line, page=Page(marks=False))) == ["unresolved (1 of 4)"]
 
 
-def test_marks_of_a_short_line_are_at_their_points():
-    omega = 2.7 + 1e-3 * np.arange(9)
-    distances = {(0, 2): 0.5, (0, 3): 0.5, (0, 7): 0.5}
-    line = equal_points(axes={"R": np.arange(1.0, 3.0), "omega": omega}, orbit_distance=distances)
-    lines = bifurcation(line.isel(R=[0])).axes[0].lines
-    (marks,) = (each for each in lines if each.get_marker() == "|" and len(each.get_xdata()))
-    np.testing.assert_allclose(marks.get_xdata(), omega[[2, 3, 7]], rtol=1e-12)
-
-
 def test_a_motion_without_a_class_has_no_period_below_the_diagram():
     line = equal_points(period={(0, 1): 0, (0, 3): 2}).isel(R=[0])
     _, below = bifurcation(line, below=["period"]).axes
@@ -196,7 +187,6 @@ record: {transient: 20}
     ("axes", "xlim", "names"),
     [
         (["omega", "impulse"], None, ["1/1", "non-finite (4 of 7)"]),
-        (["impulse", "omega"], None, ["1/1", "non-finite (4 of 7)"]),
         (["impulse"], None, ["1/1", "non-finite (4 of 7)"]),
         (["omega"], (2.25, 2.65), ["1/1", "non-finite (1 of 4)"]),
         (["omega"], (2.25, 2.55), ["1/1"]),

@@ -25,7 +25,7 @@ RIG = """\
 rig: {mass: 0.5, stiffness: 8000, damping: 4, force: 8, gap: 0.0005, R: 0.7,
       frequency: {start: 22, stop: 40, num: 7}}
 method: {steps_per_period: 20}
-record: {transient: 20, periods: 4, impacts: 2, diagnostics: [period]}
+record: {transient: 20, periods: 4, impacts: 2, diagnostics: [period, extremes]}
 """
 TABLE = """\
 oscillator: {h: 0.1, f: 1.0}
@@ -260,9 +260,8 @@ def test_a_label_that_cannot_be_drawn_is_refused(files, rig, table):
     assert "ylabel = 'a $x_$'" in refused(*given, "--ylabel", "a $x_$")
 
 
-def test_a_panel_below_has_the_prefix_of_its_ticks_and_an_unbroken_unit(with_layout):
-    dataset = swept(RIG, "record.diagnostics=[period, extremes]")
-    figure = bifurcation(dataset, below=["peak_to_peak", "impulse"], page=Page(width=3.4))
+def test_a_panel_below_has_the_prefix_of_its_ticks_and_an_unbroken_unit(rig, with_layout):
+    figure = bifurcation(rig, below=["peak_to_peak", "impulse"], page=Page(width=3.4))
     figure.draw_without_rendering()
     _, travel, impulse = figure.axes
     assert travel.get_title(loc="left").endswith("[mm]")

@@ -165,7 +165,6 @@ def without_impacts(random_sweep):
         ({"color": "poincare_x"}, "poincare_x is not a number for each point; choose from: cha"),
         ({"kind": "basins", "color": "status"}, "color can be chosen for bifurcation or section"),
         ({"kind": "section", "color": "impulse", "at": {"R": 0.5, "omega": 1}}, "one point is "),
-        ({"kind": "section", "at": {"f": 1.0}}, "f cannot be fixed here; choose from: R, omega"),
     ],
 )
 def test_requests_that_do_not_fit_are_refused(without_impacts, tmp_path, options, message):
