@@ -14,6 +14,7 @@ from sweeps.attractor.knocks import Knock
 from sweeps.plotting import KINDS, Page
 from sweeps.plotting.looks import _further
 from sweeps.plotting.style import CLASSES, DOT_COLOURS, FURTHER, LOOKS
+from tests.helpers.equal_points import legend_texts
 from vibroimpact import Oscillator, simulate
 
 #: Two orbits of the class 1/3 at each frequency.
@@ -130,11 +131,8 @@ def test_a_grey_picture_has_no_colour_and_names_all_classes(drawn):
         image = BytesIO()
         figure.savefig(image, format="png", dpi=40)
         assert np.ptp(np.asarray(Image.open(image).convert("RGB"), int), axis=2).max() == 0
-    panels = [panel for figure in figures for panel in figure.axes[:3]]
-    for panel in panels:
-        assert "1/3" in {text.get_text()[:3] for text in panel.texts}
-    for panel in panels[1:]:
-        assert [text.get_text() for text in panel.texts] == ["1/3", "1/3"], panel.get_title("left")
+        assert sum(text.startswith("1/3") for text in legend_texts(figure)) >= 2
+    assert "1/3" in {text.get_text()[:3] for text in figures[0].axes[0].texts}
 
 
 #: Least difference of two inks of one shape, from 0 for black to 1 for white.
