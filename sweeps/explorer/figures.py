@@ -23,7 +23,7 @@ from sweeps.plotting.pixels import cell_edges
 from vibroimpact.jit import called_before_passes
 
 #: Called with the configuration of a picture, its number of computed points, the seconds to compute
-#: them, and the seconds in total.
+#: them, and the seconds since it was asked for.
 Report = Callable[[SweepConfig, int, float, float], None]
 
 _CLEAR = "#00000000"
@@ -247,7 +247,8 @@ class Step:
     name: str  # of the place in the page that it fills; a later step may have a better result
     key: Any  # determines the result; if its place has this or a better one, the step is skipped
     compute: Callable[[], Any]  # returns the result; called in the thread of the worker
-    show: Callable[[Any, float], None]  # of the result and its seconds; in that of the document
+    #: Shows the result, given the seconds since the request; in the thread of the document.
+    show: Callable[[Any, float], None]
 
 
 class Worker(ThreadPoolExecutor):
@@ -280,7 +281,7 @@ class Worker(ThreadPoolExecutor):
             self._requested.setdefault(step.name, []).append(step.key)
         if not self._closed[0]:
             self._stale = np.zeros(1, np.int64)
-            self.submit(self._take_all, steps, self._stale)
+            self.submit(self._take_all, steps, self._stale, perf_counter())
 
     def is_late(self, name: str) -> bool:
         """Whether a place does not hold what the newest request is for."""
@@ -291,20 +292,19 @@ class Worker(ThreadPoolExecutor):
         self._closed[0] = self._stale[0] = 1
         super().shutdown(wait, cancel_futures=cancel_futures)
 
-    def _take_all(self, steps: Sequence[Step], stale: np.ndarray) -> None:
+    def _take_all(self, steps: Sequence[Step], stale: np.ndarray, asked: float) -> None:
         """Compute the steps of a request until a newer one arrives."""
         for i, step in enumerate(steps):
             if stale[0]:
                 return
             keys = [later.key for later in steps[i:] if later.name == step.name]
             if self._done.get(step.name) not in keys:
-                self._take(step, stale)
+                self._take(step, stale, asked)
 
-    def _take(self, step: Step, stale: np.ndarray) -> None:
+    def _take(self, step: Step, stale: np.ndarray, asked: float) -> None:
         """Compute a step and post its result or its error, unless it is cancelled."""
         first = step.name not in self._done
-        begin = perf_counter()
-        self.busy = step.name, first, begin
+        self.busy = step.name, first, perf_counter()
         try:
             this_thread.flag = self._closed if first else stale
             check()
@@ -316,7 +316,7 @@ class Worker(ThreadPoolExecutor):
             self._post(partial(self._say, str(error) or type(error).__name__, stale))
         else:
             self._done[step.name] = step.key
-            self._post(partial(step.show, result, perf_counter() - begin))
+            self._post(partial(step.show, result, perf_counter() - asked))
         finally:
             self.busy = None
 

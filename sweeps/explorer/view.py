@@ -23,7 +23,7 @@ from sweeps.config.sweep import SweepConfig
 from sweeps.config.values import as_number
 from sweeps.errors import ConfigError
 from sweeps.opened.coordinates import COORDINATES
-from sweeps.plotting.labels import as_variable
+from sweeps.plotting.labels import LARGEST, as_variable
 from sweeps.store.replacing import writing
 from sweeps.text import command
 from vibroimpact.inputs import one_of, refusal
@@ -63,7 +63,8 @@ def window_around(name: str, values: Mapping[str, float], nomenclature: Nomencla
         around = max(abs(value), 2.0 * length * (rate if name == "v0" else 1.0))
         least = model["x0"] if name == "clearance" else -math.inf
         limits = max(value - around, least), value + around
-    low, high = (float(nomenclature.value(name, limit)) for limit in limits)
+    ends = (float(nomenclature.value(name, limit)) for limit in limits)
+    low, high = (min(max(end, -LARGEST), LARGEST) for end in ends)
     return low, high
 
 
@@ -285,6 +286,8 @@ class View:
         for name, value in self.values.items():
             if not (parameter := self.nomenclature.about(name)).accepts(value):
                 raise ConfigError(refusal(f"{called(name)} = {value:g}", parameter.allowed))
+            if abs(value) > LARGEST:
+                raise ConfigError(refusal(f"{called(name)} = {value:g}", f"up to {LARGEST:g}"))
         self.point()
         if self.tab != DIAGRAM_TAB:
             self.tiles(self.tab, 2, 2)

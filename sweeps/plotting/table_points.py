@@ -272,6 +272,8 @@ def table_panels(
     >>> sweeps.plotting.table_panels(ds).savefig("table.png")
     """
     if TABLE not in sweep.grid:
+        if sweep.config.points is not None:
+            raise Refused(f"one row of the table is left; expected: rows, as isel({TABLE}=[0, 1])")
         raise Refused("the points of this file are a grid, and not the rows of a table")
     sweep.cut(at, free=[TABLE])  # refuses a value of TABLE
     color = ("period" if "period" in sweep else "status") if color is None else color

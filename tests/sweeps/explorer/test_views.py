@@ -133,6 +133,7 @@ def test_a_view_returns_from_its_address(view, axis):
     ("query", "said"),
     [
         ("R=1.5", "^R = 1.5 is not allowed; expected: a number from 0 to 1$"),
+        ("f=1e308", r"^f = 1e\+308 is not allowed; expected: up to 4e\+307$"),
         ("omega=fast", "^omega = fast is not a number; expected: a finite number > 0"),
         ("omega=1_0", "^omega = 1_0 is not a number; expected: a finite number > 0"),
         ("R=", "^R =  is not a number; expected: a number from 0 to 1"),

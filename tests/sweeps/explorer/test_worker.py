@@ -45,6 +45,21 @@ def test_only_the_newest_request_is_finished():
     assert set(threading.enumerate()) <= others
 
 
+def test_a_finer_picture_is_shown_after_the_time_of_all_steps_of_its_request():
+    seconds = []
+    worker = Worker(lambda call: call(), seconds.append)
+    steps = [
+        Step("map", i, lambda: time.sleep(0.2), lambda _, passed: seconds.append(passed))
+        for i in range(2)
+    ]
+    try:
+        worker.ask(steps)
+        worker.submit(int).result()
+    finally:
+        worker.shutdown()
+    assert seconds[1] >= seconds[0] + 0.2 >= 0.4
+
+
 @pytest.mark.parametrize(
     "error", [Refused("too much"), MemoryError("too much"), OSError("too much")]
 )

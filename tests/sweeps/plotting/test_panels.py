@@ -85,6 +85,11 @@ def test_a_panel_of_another_figure_takes_no_second_abscissa(table, choice):
     assert table_panels(table, ax=own, **{choice: ["omega"]}) is own.figure
 
 
+def test_one_row_of_a_table_is_refused(table):
+    with pytest.raises(Refused, match="one row of the table is left; expected: rows"):
+        table_panels(table.isel(point=0))
+
+
 def test_a_table_has_the_panels_in_the_order_typed(table):
     figure = table_panels(table, panels=["omega", "R"])
     labels = [panel.get_xlabel() for panel in figure.axes if panel.get_xlabel()]
