@@ -261,8 +261,9 @@ def draw_curves(
     for number, points, bounds in pieces:
         if number in bounding or not is_many:
             kind, props = kinds[number], bold if bounds else _THIN_CURVES
-            name = kind if number in bounding else text
-            lines[name] += panel.plot(*points.T, ls=_CURVES[kind], **props)
+            drawn = panel.plot(*points.T, ls=_CURVES[kind], **props)
+            if bounds or number not in bounding:
+                lines[kind if bounds else text] += drawn
     panel.set(xlim=limits[0], ylim=limits[1])
     if marks:
         strong = [piece.points for piece in pieces if piece.bounds]
