@@ -253,23 +253,28 @@ def draw_curves(
     is_many = len(kinds) > _CURVES_IN_FULL
     pieces = list(_pieces(curves, cut, CLASSES if is_many else None))
     bounding = {piece.number for piece in pieces if piece.bounds}
-    further = len({piece.number for piece in pieces} - bounding)
-    text = f"{shown_count(further, 'further curve')}{' not shown' if is_many else ''}"
     edge = [withStroke(linewidth=_EDGE, foreground=ground(), alpha=0.9)]  # on cells of any colour
     bold: dict[str, Any] = {"color": ink(), "linewidth": 0.8, "path_effects": edge, "zorder": 4}
-    lines: dict[str, list[Line2D]] = {name: [] for name in (*_CURVES, _SPECIAL, text)}
+    drawn = list[tuple[int, bool, Line2D]]()
     for number, points, bounds in pieces:
-        if number in bounding or not is_many:
-            kind, props = kinds[number], bold if bounds else _THIN_CURVES
-            drawn = panel.plot(*points.T, ls=_CURVES[kind], **props)
-            if bounds or number not in bounding:
-                lines[kind if bounds else text] += drawn
+        props = bold if bounds else _THIN_CURVES
+        (line,) = panel.plot(*points.T, ls=_CURVES[kinds[number]], **props)
+        drawn.append((number, bounds, line))
     panel.set(xlim=limits[0], ylim=limits[1])
-    if marks:
-        strong = [piece.points for piece in pieces if piece.bounds]
-        lines[_SPECIAL] = _mark_special(panel, curves, cut, strong)
-    if is_many and further:
-        lines[text] = [Line2D([], [], ls="")]
+    lines = {
+        kind: [line for number, bounds, line in drawn if bounds and kinds[number] == kind]
+        for kind in _CURVES
+    }
+    strong = [piece.points for piece in pieces if piece.bounds]
+    lines[_SPECIAL] = _mark_special(panel, curves, cut, strong) if marks else []
+    further = [(number, line) for number, _, line in drawn if number not in bounding]
+    count = len({number for number, line in further if canvas.is_in_view(line)})
+    text = f"{shown_count(count, 'further curve')}{' not shown' if is_many else ''}"
+    lines[text] = [line for _, line in further]
+    if is_many:
+        for line in lines[text]:
+            line.remove()
+        lines[text] = [Line2D([], [], ls="")] if count else []
     return {line: float(line.get_label() != text) for line in label_lines(lines)}
 
 

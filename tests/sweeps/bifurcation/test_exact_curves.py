@@ -219,6 +219,10 @@ def test_curves_that_bound_a_motion_of_the_map_stand_out(dataset, monkeypatch):
     assert len(strong_lines(parameter_map(dataset, exact=own))) == 1
     left_out = parameter_map(elsewhere, exact=own)
     assert not left_out.axes[0].lines and "1 further curve not shown" in legend_texts(left_out)
+    beside = Page(xlim=(float(dataset["omega"][0]), omega.min() - 0.01 * np.ptp(omega)))
+    assert not any(
+        "curve" in t for t in legend_texts(parameter_map(elsewhere, exact=own, page=beside))
+    )
 
 
 def test_a_curve_that_bounds_a_motion_on_a_part_is_drawn_whole(dataset, monkeypatch, unpainted):

@@ -12,7 +12,7 @@ from numpy.testing import assert_array_equal
 
 from sweeps import plotting
 from sweeps.errors import Refused
-from sweeps.plotting import Page, basins, integrity, table_panels
+from sweeps.plotting import Page, attractor_diagram, basins, integrity, table_panels
 from tests.helpers.commands import accepted, refused
 from tests.helpers.equal_points import legend_texts
 from tests.helpers.sweep_files import swept
@@ -171,6 +171,11 @@ def test_several_values_of_basins_are_drawn_and_limited(path):
     said = refused(*given, "--at", f"omega={many}")
     assert "7 values beside each other; expected: at most 6" in said
     assert "the same nearest grid value" in refused(*given, "--at", "omega=2.6,2.601")
+
+
+def test_attractors_between_values_of_the_axis_are_refused(dataset):
+    with pytest.raises(Refused, match=r"xlim .* 2.6, 2.65$"):
+        attractor_diagram(dataset, page=Page(xlim=(2.61, 2.63)))
 
 
 CONFIG = f"points: table.csv\n{FIXED}\n{RECORD}\n"
