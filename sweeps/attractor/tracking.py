@@ -13,7 +13,7 @@ of the chaotic motions of its parameter point get a class. If some did in the la
 others are unknown.
 
 Some motions never get a class, for example without damping. Therefore all motions together are
-continued for at most ``MOST_CONTINUED`` forcing periods.
+continued for at most ``MOST_CONTINUED`` forcing periods; of many, each is continued less at first.
 
 **Numbers along the axes.** Two attractors at neighbouring values of an axis get the same number if
 each is the nearest to the other and their distance is at most ``MAX_DISTANCE``. An attractor keeps
@@ -79,21 +79,21 @@ def settle(
     chaotic = _chaotic(regime, rests, parameter)
     going = np.flatnonzero((regime == Regime.UNKNOWN) | _rested_once(regime, rests) | chaotic)
     length = int(sweep.transients.ravel()[going].max(initial=0)) + sweep.sizes["section"]
-    done, planned, spec = 0, 3 * length * going.size, sweep.spec
-    chaos_ends = np.zeros_like(continued)
+    longest = (MOST_CONTINUED // max(going.size, 1) - _CLASS_PERIODS) // 3
+    length, planned, chaos_ends = max(min(length, longest), 1), 0, np.zeros_like(continued)
     for i in range(extensions):
+        periods = 3 * length * 4**i + _CLASS_PERIODS
+        planned += periods * going.size
         if not going.size or planned > MOST_CONTINUED:
             break
         continued[going] = True
-        periods = 3 * length * 4**i + _CLASS_PERIODS
-        motions[going], state[going], rested = _continue(spec, state[going], periods)
+        motions[going], state[going], rested = _continue(sweep.spec, state[going], periods)
         rests[going] += rested
         before, chaotic = chaotic, _chaotic(regime, rests, parameter)
         unknown = regime == Regime.UNKNOWN
         chaos_ends = _at_point_of(before & ~chaotic & ~unknown, parameter)
         on = unknown | _rested_once(regime, rests) | (chaotic & (chaos_ends | ~before))
-        going, done = going[on[going]], done + periods
-        planned += 3 * (length + done) * going.size
+        going = going[on[going]]
     aperiodic = continued & (regime != Regime.PERIODIC)
     motions["point"][aperiodic] = state[aperiodic]
     # All chaotic motions of a parameter point are on one attractor.

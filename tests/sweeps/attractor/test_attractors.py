@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from sweeps import attractors
+from sweeps.attractor import tracking
 from sweeps.attractor.attractor_table import attractor_rows
 from sweeps.opened.opened_sweep import OpenedSweep
 from tests.helpers.commands import call
@@ -123,17 +124,19 @@ LONG, OWN = "transient: 200, periods: 100", "transient: auto, longest: 3000, per
 
 
 @pytest.mark.parametrize(
-    ("oscillator", "length", "diagnostics"),
+    ("oscillator", "length", "diagnostics", "most"),
     [
-        (RARE_REST[0], LONG, "period"),
-        (RARE_REST[1], LONG, "period, lyapunov"),
-        (RARE_REST[0], OWN, "period, lyapunov"),
+        (RARE_REST[0], LONG, "period", tracking.MOST_CONTINUED),
+        (RARE_REST[1], LONG, "period, lyapunov", tracking.MOST_CONTINUED),
+        (RARE_REST[0], OWN, "period, lyapunov", tracking.MOST_CONTINUED),
+        (RARE_REST[1], OWN, "period, lyapunov", 144 * 2000),
     ],
 )
 def test_chaos_that_rests_now_and_then_is_one_attractor(
-    computed_starts, oscillator, length, diagnostics
+    computed_starts, monkeypatch, oscillator, length, diagnostics, most
 ):
     """Over 62,600 periods every start rests: once in about 1000 periods, and in 300."""
+    monkeypatch.setattr(tracking, "MOST_CONTINUED", most)
     dataset = computed_starts(
         oscillator,
         "start={x0: {start: -2.5, stop: 0.0, num: 12}, v0: {start: -2.0, stop: 2.0, num: 12}}",
