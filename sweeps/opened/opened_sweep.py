@@ -259,8 +259,9 @@ class OpenedSweep:
                 indices[name] = self._index_of_direction(str(value))
                 continue
             if name not in axes:
-                meant = "" if name in self.grid else suggestion(near_misses(name, axes))
-                raise Refused(f"{name} cannot be fixed here{meant}; {choice_of(axes)}")
+                meant = suggestion(near_misses(name, self.axes))
+                why = ": all its values are used" if name in self.grid else meant
+                raise Refused(f"{name} cannot be fixed here{why}; {choice_of(axes)}")
             if isinstance(value, str):
                 raise Refused(f"{name} = {value} is not a number")
             values = self.data[name].values

@@ -43,7 +43,7 @@ from sweeps.plotting.page import PAGE, Page, styled
 from sweeps.plotting.pixels import in_view
 from sweeps.plotting.style import PARTIAL, Look, ground, ink
 from sweeps.store.variables import DIRECTION
-from sweeps.text import choice_of, fewest_digits, listed, shown_count
+from sweeps.text import fewest_digits, listed, shown_count
 from vibroimpact.points.regimes import NO_CLASS, Regime
 
 #: Most basins beside each other, and the least width of each, for its labels [inch].
@@ -274,8 +274,6 @@ def attractor_diagram(
     parameters = sweep.isel(dict.fromkeys(free, 0))
     (axis,) = parameters.chosen_axes(axes, at, 1, "diagram of attractors")
     sweep, coordinate = with_coordinate(sweep, coordinate)
-    for name in set(free) & set(at or {}):
-        raise Refused(f"{name} cannot be fixed here; {choice_of(parameter_axes(sweep))}")
     line = sweep.cut(at, free=[axis, *free])
     refuse_without_result(line["status"].values)
     line_result, looks = attractors_in(line, sweep, page.grey)

@@ -126,7 +126,7 @@ def _expected(variables: Mapping[str, xr.DataArray]) -> str:
 
 def _name_and_unit(head: str, variables: Mapping[str, xr.DataArray]) -> tuple[str, str]:
     """Split the head of a column into the name and the unit, which may be empty; check both."""
-    match = re.fullmatch(r"(.*?)\s*\[\s*(.*?)\s*\]", head)
+    match = re.fullmatch(r"([^][]*?)\s*\[\s*([^][]*?)\s*\]", head)
     name, unit = (match[1], match[2]) if match else (head, "")
     if name not in variables:
         text, meant = shortened(printable(name)), suggestion(near_misses(name, [*variables, LABEL]))

@@ -266,6 +266,7 @@ def test_beside_a_flip_what_has_not_settled_is_in_the_bracket(sweep):
         (["--csv", "b.csv"], "--csv b.csv is not allowed here; expected: with --bifurcations"),
         (["--at", "R=0.8"], "--at R=0.8 is not allowed here; expected: with --bifurcations"),
         (["--axis", "omega"], "--axis omega is not allowed here; expected: with --bifurcations"),
+        (["--bifurcations", "--at", "omgea=2"], "omgea cannot be fixed here (did you mean omega?)"),
         (["--bifurcations", "--axis", "h"], "h is not a swept axis"),
         (["--bifurcations"], "record.diagnostics: [period]"),
     ],

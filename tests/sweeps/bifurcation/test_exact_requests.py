@@ -57,7 +57,7 @@ def test_what_has_no_curves_is_refused(file, name, axes, message):
 @pytest.mark.parametrize(
     ("name", "axis", "at", "message"),
     [
-        ("map", "omega", {"omega": 2.7}, "omega cannot be fixed here; choose from: R"),
+        ("map", "omega", {"omega": 2.7}, "omega cannot be fixed here: all its values are used; "),
         ("line", "omega", {"direction": "up"}, "the sweep was not followed in both"),
         ("both", "omega", {"direction": "dwn"}, "there is no direction dwn (did you mean down?)"),
     ],

@@ -131,6 +131,7 @@ def test_the_picture_of_a_table_has_the_points_in_the_panels_of_their_columns(ta
         ("omega,poincare_x,R\n2,1,1\n", "the picture has no R; expected: columns out of omega, "
          "poincare_x, label"),
         ("omega;poincare_x\n2;1\n", "with commas between them"),
+        ("omega [1];poincare_x [1]\n2;1\n", "with commas between them"),
         ("omega\n2\n", "there is no column poincare_x"),
         ("omega,poincare_x [mm]\n2,1\n", "poincare_x in mm is not allowed; expected: no unit"),
         ("omega,poincare_x,poincare_x\n2,1,1\n", "column poincare_x is given twice"),
