@@ -99,6 +99,14 @@ def test_a_motion_far_from_its_orbit_has_its_class(h, R, omega, m, distance):
     assert out["orbit_distance"] > 1e-4 and settled["orbit_distance"] < 1e-12
 
 
+def test_a_motion_that_has_just_reached_its_orbit_has_its_class():
+    """The record does not repeat yet, and nothing can be seen of the last section's approach."""
+    osc = Oscillator(h=0.1, R=0.3, omega=2.3, f=1.0)
+    _, out = run(osc.at(*on_the_orbit(osc, 1, 0.1)), transient=0, periods=24)
+    assert (out["period"], out["class_evidence"]) == (1, Evidence.CAPTURED)
+    assert out["orbit_distance"] < 1e-13
+
+
 @pytest.mark.parametrize("distance", [0.0, 1e-12, 1e-9, 1e-7, 1e-5, 1e-3])
 def test_beside_an_unstable_orbit_no_motion_has_its_class(distance):
     """Beyond the flip at 2.65335 (h = 0, R = .8), though the records repeat after one period."""

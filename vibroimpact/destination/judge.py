@@ -276,13 +276,13 @@ def judge_exact_repetition(flow, motion, m, off, size, destination):
 
 
 @jit
-def judge_repetition(flow, sections, kind, m, size, destination):
+def judge_repetition(flow, sections, m, size, destination):
     """Judge a dissipative motion whose record repeats after m periods, without rests."""
     y, w = section_state(flow.pt, sections, sections.shape[0] - 1)
     dy, dw, J, q = correction(flow, y, w, m, size)
     greatest, _ = greatest_multiplier(J)
     off = max(abs(dy), abs(dw))
-    if kind == _IMPACTS and q > 0 and greatest < _CLEARLY_STABLE and off <= TOLERANCE:
+    if q > 0 and greatest < _CLEARLY_STABLE and off <= TOLERANCE:
         put_repetition(destination, sections, m, off, greatest, q)
     else:
         judge(flow, y, w, m, size, destination)
@@ -322,7 +322,7 @@ def find_exact(motion, destination):
     if m > 0 and (off == 0.0 or kind == _RESTS or neutral):
         judge_exact_repetition(flow, motion, m, off, units, destination)
     elif m > 0:
-        judge_repetition(flow, sections, kind, m, units, destination)
+        judge_repetition(flow, sections, m, units, destination)
     elif not neutral:
         for k in range(MOST_REPETITIONS):
             m = memory.tried[k]

@@ -103,8 +103,9 @@ def orbit_from(flow, y, w, m, size):
 
 
 @jit
-def least_repetition(flow, orbit, size):
-    """Return an orbit just found with the least number of periods after which it repeats."""
+def nearby_orbit(flow, y, w, m, size):
+    """Return the orbit of m periods, or of a divisor of m, near a state; it may be none."""
+    orbit = orbit_from(flow, y, w, m, size)
     for m in range(1, orbit.m // 2 + 1):
         y, w = flow.passed[m - 1, 0], flow.passed[m - 1, 1]
         if orbit.m % m == 0 and distance(y, w, orbit, size) < _NEARLY:
@@ -113,13 +114,6 @@ def least_repetition(flow, orbit, size):
                 return part
             follow(flow, orbit.y, orbit.w, orbit.m, False)  # restores what it passed
     return orbit
-
-
-@jit
-def nearby_orbit(flow, y, w, m, size):
-    """Return the orbit of m periods, or of a divisor of m, near a state; none if it is far."""
-    orbit = least_repetition(flow, orbit_from(flow, y, w, m, size), size)
-    return orbit if orbit.m > 0 and distance(y, w, orbit, size) <= _NEARNESS else no_orbit()
 
 
 @jit
@@ -210,8 +204,6 @@ def evidence(flow, orbit, y, w, size):
     """Return the evidence that the motion from a state goes to a stable orbit, or ``UNREACHED``."""
     greatest, _ = greatest_multiplier(orbit.J)
     G, r = norm_of(orbit.J, greatest)
-    if not G[0] * G[2] - G[1] * G[1] > 0.0:  # rounding of an almost neutral orbit
-        return _UNREACHED
     begin = length(y, w, orbit, size, G)
     now, before, done, falls = begin, math.inf, 0, True
     for trial in _TRIALS:
@@ -224,8 +216,6 @@ def evidence(flow, orbit, y, w, size):
             y, w, done = end.y, end.w, done + 1
             before, now, last = now, length(y, w, orbit, size, G), before
             falls = falls and now < last
-            if not now < 2.0 * begin:
-                return _UNREACHED
         if captured(flow, orbit, size, y, w, G, r):
             return _CAPTURED
     rate = -log(now / begin) / max(done, 1)
