@@ -15,6 +15,7 @@ from tests.helpers.commands import accepted, refused
 from tests.helpers.sweep_files import run_in
 from vibroimpact import Oscillator, integrate, periodic_orbit, simulate
 from vibroimpact.oscillator import POINT
+from vibroimpact.points.regimes import Regime
 
 pytestmark = pytest.mark.slow
 
@@ -203,6 +204,19 @@ def test_no_knock_to_the_side_of_an_orbit_that_has_just_flipped_is_harmful(
     assert np.abs(run["poincare_x"][..., None] - sections[:, 0]).min(axis=2).max() < 1e-9
 
 
+def test_a_knock_from_which_the_mass_comes_to_rest_leads_to_the_rest(computed_starts):
+    """The spring presses the mass to the stop, and the force alone never lifts it."""
+    starts = computed_starts(
+        "oscillator={h: 0.01, R: 0.8, omega: 5.0, f: 1.0, clearance: -1.2}",
+        "start={x0: [-1.3, -1.2], v0: [-1.0, 0.0, 1.0]}",
+        "record={transient: 300, periods: 32, diagnostics: [period]}",
+    )
+    found = knocks(starts)
+    assert found["motion"].values.tolist() == [Regime.PERIODIC, Regime.REST]
+    assert found["knock_ends"].values.tolist() == [found["number"].values[1], -1]
+    assert found["knock_certified"].values[0] and np.isnan(found["knock_harmful"].values[1])
+
+
 def test_a_boundary_that_rounding_decides_is_fractal(dataset, monkeypatch):
     """Beyond a change of velocity by 0.3, every trial ends on an unpredictable attractor."""
     chance = np.random.default_rng(0)
@@ -237,6 +251,26 @@ def test_an_island_of_the_promised_size_is_found(dataset, all_knocks, monkeypatc
     starts = dataset.isel(omega=0)
     found = knocks(starts, attractors(starts).isel(coexisting=[0]))
     assert abs(found["knock_harmful"].item()) == pytest.approx(middle - height / 2)
+
+
+@pytest.mark.parametrize("tongue", [False, True])
+def test_the_worst_moment_and_a_tongue_at_another_one_are_found(
+    dataset, all_knocks, monkeypatch, tongue
+):
+    """The knock is 0.3 at the phase 2, and above 0.4 where the tongue is a 100th above 0.3."""
+
+    def ends(motions, phase, states):
+        (_, v), away = motions.orbits[0].sections(phase)[0], (phase - 2.0 + np.pi) % (2 * np.pi)
+        size, squared = np.abs(states[:, 1] - v), (away - np.pi) ** 2
+        thin = tongue & (squared > 1.0) & (np.abs(size - 0.303) < 1e-3)
+        return np.where((size > 0.3 + 0.1 * squared) | thin, 1, 0), np.ones(len(states), bool)
+
+    monkeypatch.setattr("sweeps.attractor.knocks._Attractors._destinations", ends)
+    starts = dataset.isel(omega=0)
+    found = knocks(starts, attractors(starts).isel(coexisting=[0]))
+    assert abs(found["knock_harmful"].item()) == pytest.approx(0.3, rel=1e-8)
+    assert found["knock_phase"].item() == pytest.approx(2.0, abs=1e-3)
+    assert found["knock_fractal"].item() is tongue
 
 
 def test_a_knock_is_tried_just_after_the_impact(dataset, monkeypatch):
