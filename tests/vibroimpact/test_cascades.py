@@ -123,11 +123,12 @@ def test_feigenbaums_ratio_after_seven_further_flips():
 
 
 #: Branches of orbits of twice the period that begin at the flip of their half or beside it, at an
-#: edge: an oscillator, phases, speeds, the range, and the special points with their periods.
+#: edge: an oscillator, phases, speeds, the range, and the special points with their periods. The
+#: flip of the first is 1.4e-12 below its range.
 BESIDE_FLIPS = [
     ((0.2701713793172191, 0.6245254305220789, 3.7163736178086912, -0.23880672490763227),
      (1.3272832574167093, 6.6556027622407194), (0.37149435449185675, 0.48115579959438914),
-     (3.5975316443377405, 4.552088788122919), [("flip", 1), ("flip", 2), ("edge", 2)]),
+     (3.5975316443377405, 4.552088788122919), [("edge", 2), ("flip", 2), ("edge", 2)]),
     ((0.012818069992111204, 0.738095818397541, 4.028629611985198, -0.44314465722733387),
      (1.2732074880830258, 7.531395083563601), (0.5752326523833, 0.5758941873551471),
      (4.028546107656853, 4.31640534252883), [("edge", 2), ("edge", 2)]),

@@ -54,7 +54,7 @@ GRAZES = 1e-5
 #: A path ends where the margin of an inadmissible point is below this. If it is not, the last orbit
 #: is sought with a shorter step.
 ENDS = 1e-9
-#: Most trials to find the last orbit of a path; a margin below the second is zero to rounding.
+#: Most bisections to find the last orbit of a path; a margin below the second is zero to rounding.
 _MOST_TRIALS, _ZERO_MARGIN = 80, 1e-15
 #: Where Newton's method fails this near to the last orbit of a curve or to an edge, its equations
 #: are singular.
@@ -176,25 +176,16 @@ def to_last_orbit(step: ArclengthStep, reason: Inadmissible) -> ArclengthStep:
 
 
 def _last_orbit(step: ArclengthStep, reason: Inadmissible) -> tuple[np.ndarray, Inadmissible]:
-    """Return the last point of a step that is an orbit, and why the next is none.
-
-    The margin of the reason is zero there. It is found by regula falsi with the Illinois rule
-    (Dowell & Jarratt 1971), with bisection in every third trial and where the margin is unknown.
-    """
+    """Return the last point of a step that is an orbit, by bisection, and why the next is none."""
     family, along, last, beyond = step.family, step.begin.tangent, step.begin, step.end
-    low, high, far, moved = 0.0, step.length, step.length, 0
-    above, below = (margin(family, point, reason) for point in (last, beyond))
-    for trial in range(_MOST_TRIALS):
+    low, high, far = 0.0, step.length, step.length
+    for _ in range(_MOST_TRIALS):
         if reason.kind == "edge":
             edge = _edge(step, reason, last.X, beyond.X)
             if edge is not None:
                 return edge, reason
-        known = high == far and trial % 3 < 2 and above >= 0.0 > below
-        share = above / (above - below) if known else 0.5
-        middle = low + share * (high - low)
-        if middle in (low, high):
-            middle = 0.5 * (low + high)
-        if middle in (low, high) or 0.0 <= above < _ZERO_MARGIN:
+        middle = 0.5 * (low + high)
+        if middle in (low, high) or 0.0 <= margin(family, last, reason) < _ZERO_MARGIN:
             break
         guess = last.X + (middle - low) / (far - low) * (beyond.X - last.X)
         X = family.corrected(guess, along[None, :], most=_MOST_AT_END)
@@ -205,16 +196,9 @@ def _last_orbit(step: ArclengthStep, reason: Inadmissible) -> tuple[np.ndarray, 
             continue
         point = family.point(X, along)
         if point.inadmissible is None:
-            low, last, above = middle, point, margin(family, point, reason)
-            below, moved = (0.5 * below if moved < 0 else below), -1
+            low, last = middle, point
         else:
-            high, far, beyond, before, reason = middle, middle, point, reason, point.inadmissible
-            below = margin(family, point, reason)
-            if (reason.kind, reason.at) != (before.kind, before.at):
-                above = margin(family, last, reason)
-            elif moved > 0:
-                above *= 0.5
-            moved = 1
+            high, far, beyond, reason = middle, middle, point, point.inadmissible
     return last.X, reason
 
 
@@ -275,11 +259,10 @@ def _exit(family: OrbitFamily, point: Point) -> np.ndarray | None:
 
 
 def cannot_leave(family: OrbitFamily, X: np.ndarray) -> bool:
-    """Whether an impact is left without speed and acceleration, so that the next one meets it."""
+    """Whether an impact is left without acceleration, so that the next one meets it."""
     pt, short = calls.parameters(family.system, X), family.flights(X) < NEARBY_DISTANCE
     pushed = -pt.f * np.sin(phases(X, family.q)) - pt.p * pt.p * pt.clearance
-    still = (pt.R * speeds(X, family.q) < GRAZES) & (np.abs(pushed) < GRAZES)
-    return bool((short & still).any())
+    return bool((short & (np.abs(pushed) < GRAZES)).any())
 
 
 def _without_force(family: OrbitFamily, X: np.ndarray) -> np.ndarray | None:
@@ -288,13 +271,13 @@ def _without_force(family: OrbitFamily, X: np.ndarray) -> np.ndarray | None:
     They vanish if the clearance is 0, since x and v are then proportional to the force.
     """
     X = X.copy()
-    values, forces = free(X, family.q), False
-    for j, parameter in enumerate(family.parameters):
-        is_force = parameter.name in ("f", "a") and parameter.low == 0.0
-        if abs(values[j]) < _VANISHES and (is_force or parameter.name == "clearance"):
-            values[j], forces = 0.0, forces or is_force
+    values = free(X, family.q)
+    for j, axis in enumerate(family.parameters):
+        vanishes = axis.name == "clearance" or (axis.name in ("f", "a") and axis.low == 0.0)
+        if vanishes and abs(values[j]) < _VANISHES:
+            values[j] = 0.0
     osc = family.oscillator(X)
-    if not (forces and osc.clearance == osc.force == 0.0):
+    if not osc.clearance == osc.force == 0.0:
         return None
     speeds(X, family.q)[:] = 0.0
     return X

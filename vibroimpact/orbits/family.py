@@ -222,8 +222,6 @@ class OrbitFamily:
         Row i moves in the plane across row i of `along`.
         """
         X = X.copy()
-        if self.system.work[0] > MOST_WORK:
-            return X, np.zeros(len(X), bool)
         return X, calls.correct(self.system, X, along, _MOST_ITERATIONS)
 
     def bifurcation(self, X: np.ndarray, kind: str, graze: int = 0) -> np.ndarray | None:
@@ -264,9 +262,6 @@ class OrbitFamily:
     def point(self, X: np.ndarray, tangent: np.ndarray) -> Point:
         """Return the point X of a path that has this tangent."""
         tests = calls.test_functions(self.system, X, tangent, self.bounds)
-        if self.kind == "fold":
-            heading = self.heading(X, tangent)
-            tests[0, -2] = math.sqrt(self.inner(heading, heading))
         reason, maximum = self.inadmissible(X)
         return Point(X, tangent, tests, maximum, reason)
 

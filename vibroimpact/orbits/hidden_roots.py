@@ -4,8 +4,7 @@ Along a branch or a curve the test functions are smooth:
 
     the distances of the free parameters from both edges of their ranges;
     on a branch the flip and the fold, det J(mu) at mu = -1 and +1; on a curve of grazes their
-    meeting, the middle coefficient of det J(mu); on a curve of folds, in place of one, the share of
-    the tangent off the null vector of the fold, which tells whether a cusp can be seen.
+    meeting, the middle coefficient of det J(mu).
 
 The signs at both ends of a step show one root, but not two. The values and slopes there give the
 cubic Hermite interpolant. It has no more roots than the control polygon of its Bernstein form has
@@ -67,9 +66,6 @@ _DIFFERENCE, _DIFFERENCE_SHARE = 1e-9, 1e-12
 _ROUNDINGS = 16.0 * 2.0**-52
 #: The natural oscillation of a flight advances by less than this in a step [rad].
 _MOST_ADVANCE = 1.0
-#: Where less than this share of the tangent of a curve of folds is off the null vector of the fold,
-#: its sign is rounding.
-HEADING = 1e-5
 #: The difference of the halves of an orbit falls in a step along a curve of folds to no less than
 #: this share. The curve ends where it vanishes (``singular_ends.py``).
 _LEAST_LEFT = 0.25
@@ -94,7 +90,7 @@ def _size_of_rounding(system):
     """
     pt = parameters_in(system.point)
     _, exponent = math.frexp(pt.f / (pt.omega + pt.p))
-    return math.ldexp(1.0, exponent) if pt.f > 0.0 else 1.0
+    return math.ldexp(1.0, exponent)
 
 
 @jit
@@ -276,5 +272,4 @@ def step_may_miss(system, begin, end, length):
         return False
     if halves_may_meet(X, Y, system.m, system.q):
         return True
-    heading = tests[0, 2 * system.free.size]
-    return heading > HEADING and _may_have_cusps(system, X, tangent, Y, tangent_Y, length)
+    return _may_have_cusps(system, X, tangent, Y, tangent_Y, length)

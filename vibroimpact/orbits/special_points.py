@@ -19,7 +19,7 @@ import numpy as np
 from vibroimpact.orbits import calls
 from vibroimpact.orbits.continuation import ENDS, GRAZES, MOST_POINTS, continue_branch, ending
 from vibroimpact.orbits.family import ArclengthStep, OrbitFamily
-from vibroimpact.orbits.hidden_roots import HEADING, may_have_more_roots
+from vibroimpact.orbits.hidden_roots import may_have_more_roots
 from vibroimpact.orbits.normal_form import cubic_coefficient
 from vibroimpact.orbits.orbit import PeriodicOrbit, repeats_freely
 from vibroimpact.orbits.singular_ends import doubling, flip_that_touches, half_of, singular_end
@@ -28,8 +28,6 @@ from vibroimpact.orbits.unknowns import ROUNDING, differences_of_halves
 #: Greatest difference of the halves of an orbit at which the test of a fold, divided by the square
 #: of it, may be rounding.
 _ALIKE = 1e-4
-#: A bifurcation at an end of a step may lie beyond it by this share of the step, by rounding.
-_OVERSHOOT = 1e-6
 #: A curve that begins nearer to an end than this, in scaled unknowns, is begun again in the middle
 #: of its other side, if that has more points than this.
 _BESIDE, _FEW = 0.3, 8
@@ -100,7 +98,7 @@ def special_points(
     """
     if step.family.kind == "":
         end = math.inf if half is None else step.share(half)
-        roots = [(step.share(X), kind, X) for kind, X in _bifurcations(step, end)]
+        roots = [(step.share(X), kind, X) for kind, X in _bifurcations(step)]
         for share, kind, X in sorted(roots, key=lambda item: item[0]):
             if share < end:
                 yield kind, X
@@ -120,17 +118,14 @@ def special_points(
             yield "cusp", cusp
 
 
-def _bifurcations(step: ArclengthStep, end: float) -> Iterator[tuple[str, np.ndarray]]:
-    """Yield the flip and the fold within a step of a branch that ends at a place of it."""
+def _bifurcations(step: ArclengthStep) -> Iterator[tuple[str, np.ndarray]]:
+    """Yield the flip and the fold within a step of a branch."""
     family = step.family
     for test, kind in ((-2, "flip"), (-1, "fold")):
         a, b = step.end_values(test)
         if not _changes(a, b):
             continue
-        X = family.bifurcation(step.between(a / (a - b)), kind)
-        # Newton's method may also find the bifurcation of a step beside this one.
-        if X is None or not -_OVERSHOOT <= step.share(X) <= min(1.0 + _OVERSHOOT, end):
-            X = step.root(partial(family.test, test), a, b)
+        X = step.root(partial(family.test, test), a, b)
         if X is None or (kind == "fold" and _is_twice_its_half(family, X)):
             continue
         # From a graze at an edge a branch may fold just beyond the edge.
@@ -176,11 +171,7 @@ def _cusp(step: ArclengthStep) -> np.ndarray | None:
     """Return the cusp within a step on a curve of folds, or None."""
     family = step.family
     before, after = (family.heading(point.X, point.tangent) for point in (step.begin, step.end))
-    # The slopes of the condition vanish with this, but their rounding does not.
-    halves = differences_of_halves(step.end.X, family.m, family.q)
-    apart = min(1.0, np.sum(halves**2) / family.q) if halves.size else 1.0
-    seen = max(step.begin.tests[0, -2], step.end.tests[0, -2]) * apart > HEADING
-    if not (family.inner(before, after) < 0.0 and seen):
+    if not family.inner(before, after) < 0.0:
         return None
     change, along = after - before, step.begin.tangent
     return step.root(
