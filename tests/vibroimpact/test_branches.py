@@ -6,7 +6,7 @@ from dataclasses import replace
 import mpmath as mp
 import numpy as np
 import pytest
-from scipy.optimize import bisect
+from scipy.optimize import bisect, minimize_scalar
 
 from tests.helpers.kernel_cases import few_or_many
 from tests.helpers.naive import ClosedForm
@@ -22,6 +22,7 @@ from tests.helpers.oscillators import (
 )
 from vibroimpact.orbits.branches import branch, grazing_branch
 from vibroimpact.orbits.one_impact import one_impact_orbit, one_impact_orbits
+from vibroimpact.orbits.orbit import free_orbit
 from vibroimpact.orbits.periodic import OrbitError, periodic_orbit, solved
 from vibroimpact.oscillator import Oscillator
 
@@ -107,11 +108,27 @@ def test_without_restitution_a_branch_ends_where_the_mass_cannot_leave_the_stop(
     assert found.values.min() == special(found, "rest")[0]
 
 
+@pytest.mark.parametrize(("f", "a"), [(1.0, 0.0), (0.5, 0.7), (0.0, 1.0)])
+def test_the_free_oscillation_grazes_beside_its_resonance(f, a):
+    """The clearance is 1e-6 less than the greatest amplitude over omega."""
+
+    def amplitude(omega):
+        return (f + a * omega**2) / abs(complex(1.0 - omega**2, 0.2 * omega))
+
+    peak = minimize_scalar(lambda omega: -amplitude(omega), bounds=(0.5, 1.5), method="bounded")
+    osc = Oscillator(0.1, 0.8, 0.3, f, clearance=(1.0 - 1e-6) * amplitude(peak.x), a=a)
+    found = branch(free_orbit(osc), "omega", 0.1, 3.0)
+    assert special(found, "graze") == pytest.approx([peak.x], abs=1e-3)
+
+
 def test_the_free_oscillation_is_not_stable_without_damping():
     """Its multipliers are on the unit circle at h = 0, and inside it beyond."""
     start = periodic_orbit(Oscillator(h=0.3, R=0.8, omega=1.9, f=1.0, clearance=2.0), 0.0, 0.0)
     found = branch(start, "h", 0.0, 0.5)
     assert found.values[0] == 0.0 and found.stable.tolist() == (found.values > 0.0).tolist()
+    undamped = free_orbit(Oscillator(h=0.0, R=0.8, omega=0.3, f=1.0, clearance=3.0))
+    found = branch(undamped, "omega", 0.1, 2.0)  # over the resonance, of infinite amplitude
+    assert special(found, "graze") == pytest.approx([math.sqrt(2.0 / 3.0)], abs=1e-14)
 
 
 @pytest.mark.parametrize(
@@ -140,6 +157,7 @@ def test_without_damping_orbits_vanish_at_a_multiple_of_the_eigenfrequency(osc, 
 def test_a_branch_without_an_end_is_lost():
     """Without damping and loss its speed grows without bound towards omega = 2 p, or 2 p / 3.
 
+    The least loss bounds it, and the branch goes on.
     The fold vanishes there with all digits of its slope, which hide no roots.
     """
     start = one_impact_orbit(Oscillator(h=0.0, R=1.0, omega=2.3, f=1.0, clearance=-0.4))
@@ -151,6 +169,9 @@ def test_a_branch_without_an_end_is_lost():
         assert (found.special[end].kind, found.special[edge].kind) == ("lost", "edge")
         assert found.special[end].value == pytest.approx(limit, abs=1e-9)
         assert found.speeds[end].min() > 500.0 and len(found.values) < 200
+    lossy = one_impact_orbit(Oscillator(h=0.0, R=0.9999, omega=2.05, f=1.0, clearance=-0.13))
+    bounded = branch(lossy, "omega", 1.5, 2.1)
+    assert [point.kind for point in bounded.special] == ["edge", "edge"]
 
 
 def test_the_slope_of_a_fold_that_is_rounding_shortens_no_step():

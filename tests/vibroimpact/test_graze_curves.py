@@ -108,6 +108,17 @@ def test_no_meeting_on_the_graze_of_the_free_oscillation_is_missed(h, low, high,
         assert places == pytest.approx(expected, abs=near)
 
 
+def test_a_graze_between_the_repetitions_of_an_orbit_is_one_of_that_orbit():
+    """The branch of 2/3 ends in a touch of 1/1, on whose curve its own equations are singular."""
+    osc = Oscillator(1.0, 1.0, 2.1144407049282608, 1.0, 1.0, -0.2500887679118864)
+    phases, speeds = np.array([0.61, 5.054, 11.246]), np.array([0.0646, 0.4874, 0.4675])
+    end = branch(solved(osc, 2, phases, speeds), "f", 0.8, 1.1).special[-1]
+    assert (end.kind, end.orbit.m, end.orbit.q) == ("graze", 2, 3)
+    found = bifurcation_curve(end.orbit, "graze", ("f", 0.0, 1.1), ("R", 0.8, 1.0))
+    assert (found.m, found.q) == (1, 2) and len(found.values) < 20
+    assert [point.kind for point in found.special] == ["edge", "edge"]
+
+
 def test_a_graze_of_all_impacts_is_that_of_the_free_oscillation():
     """Where 9/2 ends, both its impacts are touches of one oscillation, of amplitude f / |D|."""
     osc = Oscillator(0.1602367594878764, 0.16773159910106636, 7.351284129173936, 1.1977359445134217)

@@ -41,8 +41,6 @@ from vibroimpact.oscillator import PARAMETERS, Oscillator
 _FREE_VALUES = 201
 #: If no impact is faster than this, in natural units, the orbit is the free oscillation.
 STILL = 1e-6
-#: Stands for the infinite amplitude at resonance without damping, in natural units.
-_INFINITE = 1e300
 
 
 @dataclass(frozen=True, eq=False)
@@ -293,7 +291,7 @@ def _free_branch(orbit: PeriodicOrbit, axis: ContinuationParameter) -> Branch:
 
     def room(value: float) -> float:
         oscillator = replace(osc, **{axis.name: value})
-        return oscillator.clearance - min(abs(free_amplitude(oscillator)), _INFINITE)
+        return oscillator.clearance - abs(free_amplitude(oscillator))
 
     def end(side: np.ndarray) -> tuple[str, float]:
         """Return how the branch ends towards one side, and the last value."""
@@ -328,9 +326,9 @@ def _free_branch(orbit: PeriodicOrbit, axis: ContinuationParameter) -> Branch:
 def _resonance(osc: Oscillator) -> float:
     """Return the omega > 0 of the only extremum of the free amplitude; 0 if there is none."""
     square = osc.p**2 - 2.0 * osc.h**2
-    if osc.a:  # from d/d(omega^2) of (f + a omega^2)^2 / ((p^2 - omega^2)^2 + 4 h^2 omega^2)
-        bent = osc.f + osc.a * square
-        square += 4.0 * osc.a * osc.h**2 * (osc.p**2 - osc.h**2) / bent if bent else 0.0
+    # From d/d(omega^2) of (f + a omega^2)^2 / ((p^2 - omega^2)^2 + 4 h^2 omega^2).
+    bent = osc.f + osc.a * square
+    square += 4.0 * osc.a * osc.h**2 * (osc.p**2 - osc.h**2) / bent if bent else 0.0
     return math.sqrt(max(square, 0.0))
 
 

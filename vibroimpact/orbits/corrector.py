@@ -273,8 +273,6 @@ def newton_method(system, X, planes, most):
             Y = moved(X, 1.0, P)
             P = moved(P, -_condition(system, Y) / _gradient(system, Y, N[0]), N[0])
         length = math.sqrt(inner(P, P, q))
-        if not length < 1e6:
-            return False
         share = _room(system, X, P)
         if k == 0 and size > 1e-9:
             share = _decreasing(system, X, P, share, size)

@@ -126,8 +126,6 @@ def _follow(family: OrbitFamily) -> Branch:
     if cannot_leave(family, family.start):
         family.start = _beside(family)
     tangent = family.tangent(family.start)
-    if not np.isfinite(tangent).all():
-        raise OrbitError(f"the {family.kind} does not go on in {' and '.join(family.names)}")
     first_along, second_along = tangent[-2:].tolist()
     sign = first_along if abs(first_along) > ROUNDING else second_along
     return as_branch(both_ways(family, math.copysign(1.0, sign) * tangent))
@@ -152,10 +150,7 @@ def _fold_of_twice(orbit: PeriodicOrbit, axes: Sequence[ContinuationParameter]) 
     folds = flips.related(impact_rows(X, q), m, "fold")
     for size in _SIZES:
         Y = folds.corrected(X + size * along, along[None, :], _MOST_PER_SIZE)
-        if Y is None or folds.inadmissible(Y)[0] is not None:
-            continue
-        # The impacts tell how near it is: the parameters are in units of ranges of any width.
-        if np.square((Y - X)[: 2 * q]).sum() < q * (2.0 * size) ** 2:
+        if Y is not None and folds.inadmissible(Y)[0] is None:
             return folds.orbit(Y)
     raise OrbitError(f"no fold of the orbits of {m}/{q} is found beside the degenerate flip")
 

@@ -21,11 +21,11 @@ import numpy as np
 
 from vibroimpact.orbits import calls
 from vibroimpact.orbits.corrector import System
-from vibroimpact.orbits.unknowns import free, impact_rows, phases, unknowns
+from vibroimpact.orbits.unknowns import free, impact_rows, unknowns
 
-#: Greatest advance of an oscillation [rad], and greatest share of a flight, by which differences
-#: displace an impact. They have five places, so their error is the fourth power of it.
-_ADVANCE, _SHARE = 4e-3, 0.05
+#: Greatest advance of an oscillation [rad] by which differences displace an impact. They have five
+#: places, so their error is the fourth power of it.
+_ADVANCE = 4e-3
 #: At a flip, two iterations to the null vector of J(-1) differ by about the share of its least
 #: singular value in the next one, which is smaller. J(-1) is moved by a share far above its
 #: rounding, so that it has an inverse.
@@ -50,10 +50,7 @@ def _coefficients(system: System, X: np.ndarray, AB: np.ndarray, rates: np.ndarr
     u, w, lost = _null_vectors(_closed(AB, -1.0))
     w *= math.sqrt(q)
     z = impact_rows(X, q)
-    flights = np.diff(phases(X, q), append=X[:, :1] + turn[0])
-    shares = np.abs(np.diff(w[:, ::2], append=-w[:, :1]) / flights).max(axis=1)
-    fastest = np.abs(w[:, ::2]).max(axis=1) * rates
-    step = 1.0 / np.maximum(fastest / _ADVANCE, shares / _SHARE)
+    step = _ADVANCE / (np.abs(w[:, ::2]).max(axis=1) * rates)
     doubled, direction = system._replace(m=2 * system.m, q=2 * q), np.concatenate([w, -w], axis=1)
     twice = unknowns(np.concatenate([z, z + turn], axis=1), free(X, q))
     beside = np.repeat(twice[None], 2, axis=0)
@@ -81,8 +78,6 @@ def _null_vectors(J: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     inverse (Golub & Van Loan, ch. 8) takes far less time than singular values of large matrices.
     """
     J = J + _MOVED * np.abs(J).max(axis=(1, 2), keepdims=True) * np.eye(J.shape[1])
-    singular = np.linalg.det(J) == 0.0
-    J[singular] = np.eye(J.shape[1])
     inverse = np.linalg.inv(J)
     w = np.broadcast_to(np.cos(np.arange(J.shape[1])), J.shape[:2])
     for _ in range(2):
@@ -90,7 +85,7 @@ def _null_vectors(J: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         u = _unit((w[:, None] @ inverse)[:, 0])
         w = _unit((inverse @ u[:, :, None])[:, :, 0])
     off = 1.0 - np.abs(np.sum(w * before, axis=1))
-    return u, w, singular | ~(off < _SINGULAR_SHARE**2)
+    return u, w, ~(off < _SINGULAR_SHARE**2)
 
 
 def _unit(vectors: np.ndarray) -> np.ndarray:

@@ -145,7 +145,7 @@ def _impacts_from(
         else:
             hits = last[last[:, 0] == IMPACT]
             yield hits[:, 1] * osc.omega, hits[:, 3]
-        state, before = (min(float(log[-1, 2]), osc.clearance), float(log[-1, 3])), later + 1
+        state, before = (float(log[-1, 2]), float(log[-1, 3])), later + 1
 
 
 def solved(osc: Oscillator, m: int, phases: np.ndarray, speeds: np.ndarray) -> PeriodicOrbit:

@@ -21,7 +21,7 @@ from functools import partial
 import numpy as np
 
 from vibroimpact.orbits import calls
-from vibroimpact.orbits.continuation import GRAZES, End, cannot_leave, onto_edges
+from vibroimpact.orbits.continuation import GRAZES, End, onto_edges
 from vibroimpact.orbits.corrector import determinant
 from vibroimpact.orbits.family import NEARBY_DISTANCE, ContinuationParameter, OrbitFamily
 from vibroimpact.orbits.normal_form import cubic_coefficient
@@ -35,8 +35,8 @@ from vibroimpact.orbits.unknowns import (
     unknowns,
 )
 
-#: A curve of folds ends where the mean square difference of its halves is below this, and a curve
-#: on which Newton's method fails where it is below the second, or all impacts are slower than that.
+#: A curve of folds ends where the mean square difference of its halves is below this, or below the
+#: second if Newton's method fails there.
 _MEETS, _MAY_MEET = 4e-4, 0.1
 #: Impacts that meet at a rest are left this share of their last distance apart.
 _APART_BY = 1e-6
@@ -61,16 +61,16 @@ _FASTEST = 1e3
 
 
 def singular_end(
-    family: OrbitFamily, points: Sequence[np.ndarray], lost: bool | None = None
+    family: OrbitFamily, points: Sequence[np.ndarray], lost: bool = False
 ) -> End | None:
     """Return how a path ends beyond some points, where, and the orbit; None if it goes on.
 
-    `lost` says whether Newton's method fails there; None if the path has not yet ended.
+    `lost` says whether Newton's method fails there.
     """
     end = _unbounded(family, points)
     if end or not family.kind:
         return end
-    end = _standstill(family, points, lost) or _degenerate_flip(family, points, bool(lost))
+    end = _standstill(family, points) or _degenerate_flip(family, points, lost)
     return end or _meeting_impacts(family, points) or _corner(family, points)
 
 
@@ -106,10 +106,8 @@ def starts_degenerate(orbit: PeriodicOrbit, axes: Sequence[ContinuationParameter
     """Whether a flip at which a curve starts is degenerate."""
     flips = OrbitFamily(orbit, axes, "flip")
     coefficient = partial(cubic_coefficient, flips.system)
-    # The impacts tell how near it is: the parameters are in units of ranges of any width.
-    moves = float(np.abs(flips.tangent(flips.start)[: 2 * flips.q]).max())
-    near, precise = NEARBY_DISTANCE / moves, _PRECISE / moves
-    return abs(_root_along(flips, flips.start, coefficient, near, precise)) < near
+    offset = _root_along(flips, flips.start, coefficient, NEARBY_DISTANCE, _PRECISE)
+    return abs(offset) < NEARBY_DISTANCE
 
 
 def _along(family: OrbitFamily, guess: np.ndarray, offset: float) -> np.ndarray:
@@ -139,12 +137,12 @@ def _root_along(
     return float(root)
 
 
-def _standstill(family: OrbitFamily, points: Sequence[np.ndarray], lost: bool | None) -> End | None:
+def _standstill(family: OrbitFamily, points: Sequence[np.ndarray]) -> End | None:
     """Return the ``graze``, or ``edge``, in which all impacts lose their speed, as above."""
     if family.kind not in ("flip", "fold") or family.q == 1:
         return None
-    X, error = _limit(points, family.fastest, _MAY_MEET if lost else NEARBY_DISTANCE)
-    if not error < (_KNOWN if lost is None else NEARBY_DISTANCE):
+    X, error = _limit(points, family.fastest, NEARBY_DISTANCE)
+    if not error < _KNOWN:
         return None
     X = onto_edges(family, X, _KNOWN)
     speeds(X, family.q)[:] = 0.0
@@ -160,8 +158,6 @@ def _meeting_impacts(family: OrbitFamily, points: Sequence[np.ndarray]) -> End |
     if not (short.any() and error < _KNOWN):
         return None
     X = onto_edges(family, X, _KNOWN)
-    if not cannot_leave(family, X):
-        return None
     theta = np.maximum.accumulate(phases(X, family.q))  # apart, as equations where impacts meet
     phases(X, family.q)[:] = theta + _APART_BY * (phases(points[-1], family.q) - theta)
     v = speeds(X, family.q)
@@ -198,7 +194,7 @@ def flip_that_touches(family: OrbitFamily, X: np.ndarray) -> End | None:
     root = _root_along(
         halves, guess, lambda Y: calls.first_penetration(halves.system, Y)[2], *_NEAR
     )
-    if not np.abs(second - half).max() < NEARBY_DISTANCE or not abs(root) < NEARBY_DISTANCE:
+    if not abs(root) < NEARBY_DISTANCE:
         return None
     Y = _along(halves, guess, root)
     half = impact_rows(Y, halves.q)
