@@ -88,13 +88,6 @@ class CurveSearch:
         """Whether a curve of a kind and of a class is asked for."""
         return kind in self._kinds and (not self._chosen or mq in self._chosen)
 
-    def _may_border(self, mq: tuple[int, int]) -> bool:
-        """Whether a curve that is asked for may border a region of a class."""
-        return any(
-            not self._chosen or any(mq in separated(kind, *each) for each in self._chosen)
-            for kind in self._kinds
-        )
-
     @property
     def curves(self) -> list[Branch]:
         """The curves found."""
@@ -103,8 +96,6 @@ class CurveSearch:
     def run(self, report: Callable[[float], object]) -> dict[int, str]:
         """Search from the large tongues, then from changes; return why some have no curve."""
         for cell, axis in middles_of_regions(self._classes):
-            if not self._may_border(tuple(self._classes[*cell].tolist())):
-                continue
             report(self._share(()))
             for point in self._borders(cell, axis):
                 if not self._is_on_curve(point, axis, cell):
