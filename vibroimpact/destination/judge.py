@@ -301,15 +301,12 @@ def find_exact(motion, destination):
     if not free and judge_cycle(motion, destination):
         return
     size = size_of(sections, pt, False)
-    if free:
-        put_free(destination, pt, x, v, steady, size)
-        return
-    near_repetitions(sections, size, memory.tried)
-    cycle = sums.cycle if sums.cycle > 0 else last_return(sections)
     flow = flow_of(pt, grid, memory.scratch, memory.passed)
     if bounded and stays_free(flow, x, v, steady):
         put_free(destination, pt, x, v, steady, size)
         return
+    near_repetitions(sections, size, memory.tried)
+    cycle = sums.cycle if sums.cycle > 0 else last_return(sections)
     y, w = section_state(pt, sections, last)
     if cycle > sums.cycle:
         sums.cycle = cycle
