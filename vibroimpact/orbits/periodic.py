@@ -12,7 +12,6 @@ import numpy as np
 
 from vibroimpact.inputs import integer, refuse_other, shown_count
 from vibroimpact.orbits.calls import correct, linearised
-from vibroimpact.orbits.continuation import is_orbit
 from vibroimpact.orbits.family import OrbitFamily
 from vibroimpact.orbits.flights import MOST_ORBIT_STEPS, time_steps
 from vibroimpact.orbits.orbit import PeriodicOrbit, free_amplitude, free_orbit
@@ -202,8 +201,8 @@ def why_inadmissible(orbit: PeriodicOrbit) -> str:
 
 def refuse_inadmissible(family: OrbitFamily) -> None:
     """Raise an OrbitError if a family begins at a solution that is not an orbit."""
-    start = family.point(family.start, np.zeros(family.start.size))
-    if (reason := start.inadmissible) is not None and not is_orbit(family, start):
+    reason, _ = family.inadmissible(family.start)
+    if reason:
         raise OrbitError(f"the orbit does not exist: {_REASONS[reason.kind].format(reason.where)}")
 
 
