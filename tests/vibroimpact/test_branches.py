@@ -6,7 +6,7 @@ from dataclasses import replace
 import mpmath as mp
 import numpy as np
 import pytest
-from scipy.optimize import bisect, minimize_scalar
+from scipy.optimize import bisect
 
 from tests.helpers.kernel_cases import few_or_many
 from tests.helpers.naive import ClosedForm
@@ -106,19 +106,6 @@ def test_without_restitution_a_branch_ends_where_the_mass_cannot_leave_the_stop(
     found = branch(one_impact_orbit(osc), "clearance", -0.5, 0.0)
     assert special(found, "rest") == pytest.approx([expected], abs=1e-14)
     assert found.values.min() == special(found, "rest")[0]
-
-
-@pytest.mark.parametrize(("f", "a"), [(1.0, 0.0), (0.5, 0.7), (0.0, 1.0)])
-def test_the_free_oscillation_grazes_beside_its_resonance(f, a):
-    """The clearance is 1e-6 less than the greatest amplitude over omega."""
-
-    def amplitude(omega):
-        return (f + a * omega**2) / abs(complex(1.0 - omega**2, 0.2 * omega))
-
-    peak = minimize_scalar(lambda omega: -amplitude(omega), bounds=(0.5, 1.5), method="bounded")
-    osc = Oscillator(0.1, 0.8, 0.3, f, clearance=(1.0 - 1e-6) * amplitude(peak.x), a=a)
-    found = branch(free_orbit(osc), "omega", 0.1, 3.0)
-    assert special(found, "graze") == pytest.approx([peak.x], abs=1e-3)
 
 
 def test_the_free_oscillation_is_not_stable_without_damping():

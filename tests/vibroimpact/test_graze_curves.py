@@ -5,15 +5,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.optimize import brentq
+from scipy.optimize import brentq, minimize_scalar
 
 from tests.helpers.naive import ClosedForm
-from tests.helpers.oscillators import TAU, peak, settled_orbit
+from tests.helpers.oscillators import TAU, peak, settled_orbit, special
 from vibroimpact.orbits.branches import branch, doubled_branch, grazing_branch
 from vibroimpact.orbits.curves import bifurcation_curve
 from vibroimpact.orbits.family import OrbitFamily
 from vibroimpact.orbits.one_impact import one_impact_orbit, one_impact_orbits
-from vibroimpact.orbits.orbit import PeriodicOrbit
+from vibroimpact.orbits.orbit import PeriodicOrbit, free_orbit
 from vibroimpact.orbits.periodic import OrbitError, periodic_orbit, solved
 from vibroimpact.oscillator import Oscillator
 
@@ -106,6 +106,19 @@ def test_no_meeting_on_the_graze_of_the_free_oscillation_is_missed(h, low, high,
     for kind in ("flip", "fold"):
         places = sorted(point.value[1] for point in found.special if point.kind == kind)
         assert places == pytest.approx(expected, abs=near)
+
+
+@pytest.mark.parametrize(("f", "a"), [(1.0, 0.0), (0.5, 0.7), (0.0, 1.0)])
+def test_the_free_oscillation_grazes_beside_its_resonance(f, a):
+    """The clearance is 1e-6 less than the greatest amplitude over omega."""
+
+    def amplitude(omega):
+        return (f + a * omega**2) / abs(complex(1.0 - omega**2, 0.2 * omega))
+
+    peak = minimize_scalar(lambda omega: -amplitude(omega), bounds=(0.5, 1.5), method="bounded")
+    osc = Oscillator(0.1, 0.8, 0.3, f, clearance=(1.0 - 1e-6) * amplitude(peak.x), a=a)
+    found = branch(free_orbit(osc), "omega", 0.1, 3.0)
+    assert special(found, "graze") == pytest.approx([peak.x], abs=1e-3)
 
 
 def test_a_graze_between_the_repetitions_of_an_orbit_is_one_of_that_orbit():
