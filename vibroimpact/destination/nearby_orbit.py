@@ -143,9 +143,8 @@ _FALLING = int(Evidence.FALLING)
 _ELLIPSE = 12
 #: The ellipse is at least this large, in the units of the record, so that its map is no rounding.
 _LEAST_ELLIPSE = 1e-9
-#: After these numbers of repetitions it is tried whether the motion is captured, as far as they
-#: take no more than so many periods.
-_TRIALS, _MOST_PERIODS = (0, 4, 12), 512
+#: After these numbers of repetitions it is tried whether the motion is captured.
+_TRIALS = 0, 4, 12
 #: A motion falls at least at this share of the rate of the multipliers.
 _SHARE_OF_RATE = 0.5
 
@@ -207,8 +206,6 @@ def evidence(flow, orbit, y, w, size):
     begin = length(y, w, orbit, size, G)
     now, before, done, falls = begin, math.inf, 0, True
     for trial in _TRIALS:
-        if trial * orbit.m > _MOST_PERIODS:
-            break
         while done < trial:  # terminates: `done` rises
             end = follow(flow, y, w, orbit.m, False)
             if not (end.smooth and end.impacts == orbit.q):
