@@ -201,6 +201,13 @@ def test_motions_go_where_their_class_says(seed, n, further):
     assert classes > 0.5 * n and wrong == []
 
 
+def test_a_motion_that_comes_nearer_an_orbit_only_now_and_then_has_not_its_class():
+    """An orbit of 56/70 is near, on which the motion is not 20,000 periods later."""
+    osc = Oscillator(h=0.0, R=0.9982370539752287, omega=1.574326696126187, f=1.0)
+    point, record = osc.at(0.0, -0.28903136831649445), {"transient": 198, "periods": 32}
+    assert wrong_classes(point, 20_000, phase=4.0, **record) == (0, [])
+
+
 def test_threads_and_neighbours_change_nothing():
     points = random_points(7, 300)
     spec, out = run(points, threads=2, transient=30, periods=32)
