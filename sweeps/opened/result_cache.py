@@ -17,7 +17,6 @@ from sweeps.opened.doors import takes_sweep
 from sweeps.opened.opened_sweep import OpenedSweep
 from vibroimpact.jit import NUMERICS, numerics_of
 from vibroimpact.jit.cache import read, root, write
-from vibroimpact.status import Status
 
 #: Most results that are kept; the oldest go first.
 _MOST = 100
@@ -47,9 +46,6 @@ def with_cache(
             say("what was found before is used again")
             return earlier
         result = find(sweep, *request, **chosen)
-        if (sweep["status"] == Status.PENDING).any():
-            say("what was found is not kept: the sweep is not complete")
-            return result
         try:
             write(path, pickle.dumps((key, result.to_dict(data="array"))), _MOST)
         except OSError as error:

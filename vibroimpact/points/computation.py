@@ -19,7 +19,7 @@ Scaling by a power of two is exact to the last bit.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import partial
 
@@ -39,47 +39,6 @@ from vibroimpact.status import Evidence, Status
 from vibroimpact.step.contact import with_near_stop
 from vibroimpact.step.recorder import trajectories
 from vibroimpact.step.scheme import Scheme
-
-#: Computes points; results of shape (n, ...).
-RunPoints = Callable[[np.ndarray], dict[str, np.ndarray]]
-
-
-def follow_chains(
-    points: np.ndarray,
-    along: int,
-    axis: str,
-    directions: Sequence[str],
-    phase: float,
-    run: RunPoints,
-    advance: Callable[[int], object],
-) -> dict[str, np.ndarray]:
-    """Compute the points of a box. Along one axis, each starts from its neighbour's last state.
-
-    `points` has the shape (box...) and all values of the parameter `axis`, which is swept along
-    dimension `along`. `directions` holds ``up``, from the least value on, ``down``, from the
-    greatest, or both. `phase` is that of the section. `advance` receives the number of points after
-    every call of `run`. Returns arrays of shape (points, ...), one direction after the other, each
-    in C order.
-    """
-    size, flat = points.size, points.ravel()
-    # The indices in `flat` of the points of each chain: shape (chains, values of the axis).
-    places = np.moveaxis(np.arange(size).reshape(points.shape), along, -1)
-    chains = places.reshape(-1, points.shape[along])
-    rising = np.argsort(flat[chains[0]][axis], kind="stable")
-    orders = [rising if direction == "up" else rising[::-1] for direction in directions]
-    collected, before = dict[str, np.ndarray](), dict[str, np.ndarray]()
-    for order in zip(*orders, strict=True):  # one value of the axis for each direction
-        rows = np.concatenate([chains[:, value] + i * size for i, value in enumerate(order)])
-        lanes = flat[rows % size]
-        if before:
-            put_last(lanes, before, phase)
-            if axis == "clearance":  # the stop may have moved past that state
-                lanes["x0"] = np.minimum(lanes["x0"], lanes["clearance"])
-        before = run(lanes)
-        put_rows(collected, len(orders) * size, rows, before)
-        advance(len(rows))
-    return collected
-
 
 #: Results proportional to f: their unit is a length, or a length per time.
 SCALED = (
@@ -129,20 +88,32 @@ def compute_chains(
     advance: Callable[[int], object],
     interrupt: np.ndarray | None = None,
 ) -> dict[str, np.ndarray]:
-    """Compute the points of a box; along dimension `along` of it the followed axis is complete.
+    """Compute the points of a box, each from its neighbour's last state along the followed axis.
 
-    `advance` is given the number of points computed since its last call, after every value of that
-    axis. The results are as of `compute_points`, two directions one after the other.
+    This is complete along dimension `along` of the box. `advance` is given the number of points
+    computed since its last call, after every value of the axis. The results are as of
+    `compute_points`, one direction after the other, each in C order.
     """
-
-    def run(points: np.ndarray) -> dict[str, np.ndarray]:
-        return _run(spec, with_near_stop(points, spec.impact), threads, interrupt)
-
-    axis = spec.followed
+    axis, size, flat = spec.followed, box.size, box.ravel()
     assert axis is not None
-    results = follow_chains(box, along, axis, spec.directions, spec.phase, run, advance)
-    points = np.tile(box.ravel(), len(spec.directions))
-    return classified(spec, points, results, threads) if spec.period else results
+    # The indices in `flat` of the points of each chain: shape (chains, values of the axis).
+    places = np.moveaxis(np.arange(size).reshape(box.shape), along, -1)
+    chains = places.reshape(-1, box.shape[along])
+    rising = np.argsort(flat[chains[0]][axis], kind="stable")
+    orders = [rising if direction == "up" else rising[::-1] for direction in spec.directions]
+    collected, before = dict[str, np.ndarray](), dict[str, np.ndarray]()
+    for order in zip(*orders, strict=True):  # one value of the axis for each direction
+        rows = np.concatenate([chains[:, value] + i * size for i, value in enumerate(order)])
+        lanes = flat[rows % size]
+        if before:
+            put_last(lanes, before, spec.phase)
+            if axis == "clearance":  # the stop may have moved past that state
+                lanes["x0"] = np.minimum(lanes["x0"], lanes["clearance"])
+        before = _run(spec, with_near_stop(lanes, spec.impact), threads, interrupt)
+        put_rows(collected, len(orders) * size, rows, before)
+        advance(len(rows))
+    points = np.tile(flat, len(orders))
+    return classified(spec, points, collected, threads) if spec.period else collected
 
 
 def _computed_once(

@@ -3,6 +3,7 @@
 import itertools
 import math
 import threading
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -26,7 +27,7 @@ from tests.helpers.oscillators import bifurcation
 from tests.helpers.places import CONFIGS
 from tests.helpers.sweep_files import data, run_and_read
 from vibroimpact import Oscillator, Status, integrate, one_impact_orbit
-from vibroimpact.points.computation import follow_chains
+from vibroimpact.points import computation
 from vibroimpact.step.recorder import trajectories
 from vibroimpact.step.scheme import scheme_of
 
@@ -134,12 +135,12 @@ def test_a_stop_that_moves_past_the_mass_takes_it_along():
 
 
 @pytest.mark.parametrize("status", [Status.UNRESOLVED, Status.NON_FINITE, Status.COMPUTED])
-def test_only_the_chain_that_failed_begins_anew(status):
+def test_only_the_chain_that_failed_begins_anew(monkeypatch, status):
     """The kernel receives the state before or, after a failure or NaN, the start."""
     config = configured("start.x0=-1", "follow.direction=up", "oscillator.clearance=0")
     calls = []
 
-    def run(points):
+    def run(_, points, *__):
         calls.append(points[["R", "omega", "x0", "v0", "phase"]].tolist())
         fails = (points["R"] == 0.5) & (points["omega"] == 1.3)
         x = np.where(fails & (status == Status.COMPUTED), math.nan, -points["omega"])
@@ -149,7 +150,10 @@ def test_only_the_chain_that_failed_begins_anew(status):
 
     counted = []
     box = config.sweep.grid.points().reshape(config.sweep.grid.shape)
-    results = follow_chains(box, 1, "omega", ["up"], 1.5, run, counted.append)
+    followed = {"followed": "omega", "directions": ("up",), "phase": 1.5, "period": False}
+    monkeypatch.setattr(computation, "_run", run)
+    spec = replace(config.sweep.spec, **followed)
+    results = computation.compute_chains(spec, box, 1, None, counted.append)
     assert counted == [3] * 5
     assert calls[0] == [(R, 0.6, -1.0, 0.0, 0.0) for R in (0.5, 0.6, 0.8)]
     assert calls[1] == [(R, 1.3, -0.6, R, 1.5) for R in (0.5, 0.6, 0.8)]
