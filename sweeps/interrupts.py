@@ -11,6 +11,7 @@ as well.
 from __future__ import annotations
 
 import _thread
+import os
 import signal
 import sys
 import threading
@@ -59,6 +60,11 @@ def check() -> None:
     flag = this_thread.flag
     if _came or (flag is not None and flag[0]):
         raise Cancelled
+
+
+def without_waiting(path: str, flags: int) -> int:
+    """Open a file, but do not wait for the writer of a FIFO, which no `check` could end."""
+    return os.open(path, flags | getattr(os, "O_NONBLOCK", 0))
 
 
 def listen(came: Sequence[int] = ()) -> None:

@@ -42,7 +42,16 @@ def of_shell(path: Path) -> str:
 def command(*words: str | Path) -> str:
     """Write a command of the program for a shell: a path that begins with - is not an option."""
     typed = (f"./{w}" if isinstance(w, Path) and str(w)[0] == "-" else w for w in words)
-    return shlex.join(["vibroimpact", *map(str, typed)])
+    return " ".join(["vibroimpact", *(_quoted(str(word)) for word in typed)])
+
+
+def _quoted(word: str) -> str:
+    """Quote a word for a shell; bash reads unprintable characters from their bytes."""
+    if word.isprintable():
+        return shlex.quote(word)
+    plain = {c for c in word if c.isprintable() and c not in "'\\"}
+    parts = (c if c in plain else "".join(map("\\x{:02x}".format, os.fsencode(c))) for c in word)
+    return f"$'{''.join(parts)}'"
 
 
 def printable(text: str) -> str:

@@ -76,8 +76,7 @@ def _exit_code() -> int:
         elif isinstance(error, MemoryError):
             _report("there is not enough memory")
         elif isinstance(error, OSError):
-            named = error.filename is not None or error.errno is None  # or it is of no file
-            _report(str(error) if named else _OUTPUT.format(error.strerror or error))
+            _report(_reason(error))
         elif hasattr(error, "format_message"):  # a usage error, whose class typer does not export
             from sweeps.cli.common import unreadable
 
@@ -86,6 +85,20 @@ def _exit_code() -> int:
         else:
             raise
         return 2 if isinstance(error, Refused) else 1
+
+
+def _reason(error: OSError) -> str:
+    """Return the message of an error of a file, or of the standard output."""
+    if error.filename is not None or error.errno is None:  # it says all that is known
+        return str(error)
+    import typer
+
+    reason, called = error.strerror or error, error.__traceback__
+    while called is not None:
+        if called.tb_frame.f_code is typer.echo.__code__:
+            return _OUTPUT.format(reason)
+        called = called.tb_next
+    return f"a file cannot be read or written: {reason}"
 
 
 def _report(error: str) -> None:

@@ -130,7 +130,7 @@ def init_command(
     scene: str = common.argument("SCENE", "The name of a scene.", "quickstart", common.scenes),
 ) -> None:
     """Write a scene to this folder: its configuration with comments, and its table, if any."""
-    from sweeps.store.replacing import writing
+    from sweeps.store.replacing import check_target, writing
 
     texts = common.scenes()
     if scene not in texts:
@@ -141,10 +141,9 @@ def init_command(
     files = {f"{scene}{ending}": common.scenes(ending).get(scene) for ending in (".csv", ".yaml")}
     new_texts = {Path(name): text for name, text in files.items() if text is not None}
     for path in new_texts:
-        if os.path.lexists(path):
-            raise Refused(f"{path} exists, and is not replaced; remove it, or rename it")
+        check_target(path, "configuration", only_new=True)
     for path, text in new_texts.items():
-        with writing(path, "configuration") as new:
+        with writing(path, "configuration", only_new=True) as new:
             new.write(text.encode())
         common.say(path)
     common.say(f"next: vibroimpact run {scene}.yaml")

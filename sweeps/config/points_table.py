@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import csv
 import math
+import os
 import re
+import stat
 from collections.abc import Callable, Iterator, Mapping
 from functools import partial
+from itertools import chain
 from pathlib import Path
 from typing import Any, TextIO
 
@@ -16,12 +19,15 @@ from sweeps.config.groups import OscillatorConfig, StartConfig
 from sweeps.config.rig import RIG_PARAMETERS, RigConfig, model_name
 from sweeps.config.values import ConflictError, Elsewhere, null
 from sweeps.grid import table_values
+from sweeps.interrupts import without_waiting
 from sweeps.text import missing_text, near_misses, printable, shortened, shown_count, suggestion
 from vibroimpact.inputs import number_meant
 from vibroimpact.oscillator import PARAMETERS, Parameter
 
 #: Longest header of a table; a file without line breaks would be read as a whole.
 _LONGEST_HEADER = 100_000
+#: Most columns of a table: HDF5 allows some 64 more variables of one dimension.
+_MOST_COLUMNS = 4_000
 #: Name of a column; a further one becomes a coordinate, whose name other programs must accept.
 COLUMN_NAME = r"^\w(?!.*[^\w.-])"
 #: Checks the names of all columns, and says what those may hold that must be numbers.
@@ -111,7 +117,9 @@ def _read_csv(
     path: Path, check_names: NamesCheck
 ) -> tuple[dict[str, np.ndarray], Mapping[str, Parameter]]:
     """Return the columns of a CSV file, and what those may hold that must be numbers."""
-    with open(path, encoding="utf-8-sig", newline="") as file:
+    with open(path, encoding="utf-8-sig", newline="", opener=without_waiting) as file:
+        if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
+            raise ValueError("is not a regular file; expected: a CSV file")
         names = header_of(file)
         parameters = check_names(names)
         rows = [*_rows(file, names)]
@@ -133,21 +141,29 @@ def header_of(file: TextIO) -> list[str]:
 
 
 def _rows(file: TextIO, names: list[str]) -> Iterator[list[str]]:
-    """Yield the cells of each row, without blank lines; refuse other numbers of cells."""
+    """Yield the cells of each row, without blank lines; refuse other numbers of cells.
+
+    A quote that is not closed takes in the next line, or the one that is put at the end.
+    """
     row = 0
     try:
-        for cells in csv.reader(file, strict=True):
+        for cells in csv.reader(chain(file, ["\n"])):
             if not cells or (len(cells) == 1 and cells[0].isspace()):
                 continue
             row += 1
+            for name, cell in zip(names, cells, strict=False):
+                if "\n" in cell or "\r" in cell:
+                    problem = "a quote is not closed; expected: another one in the same line"
+                    raise ValueError(f"row {row}, column {name}: {problem}")
             if len(cells) != len(names):
                 more = "; a number has a decimal point, and there is no comma at the end of a line"
                 more *= len(cells) > len(names)
                 count = shown_count(len(cells), "cell")
                 raise ValueError(f"row {row} has {count}, and the header {len(names)}{more}")
             yield cells
-    except csv.Error as error:
-        raise ValueError(f"row {row + 1}: a quote is not closed ({error})") from None
+    except csv.Error:
+        most = csv.field_size_limit()
+        raise ValueError(f"a cell with a quote has more than {most:,} characters") from None
 
 
 def _columns(
@@ -210,6 +226,10 @@ def check_header(names: list[str]) -> None:
         raise ValueError(
             f"column {names.index('') + 1} has no name; expected: a name for every column, and no "
             "comma at the end of a line; to_csv of pandas needs index=False"
+        )
+    if len(names) > _MOST_COLUMNS:
+        raise ValueError(
+            f"{len(names):,} columns are too many; expected: at most {_MOST_COLUMNS:,}"
         )
     for name in names:
         if names.count(name) > 1:

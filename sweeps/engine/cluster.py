@@ -239,7 +239,10 @@ def is_client(value: object) -> bool:
 
 
 class ClusterComputer:
-    """Computes blocks on the workers of a synchronous Dask client, which stays open."""
+    """Computes blocks on the workers of a synchronous Dask client, which stays open.
+
+    Raises Refused if a worker has another version of the numerics, or none.
+    """
 
     threads = 1  #: Threads of a trial on this machine.
 
@@ -248,6 +251,7 @@ class ClusterComputer:
         self._address = client.scheduler.address
         with self._scheduler_needed():
             self._count()
+            self._refuse_others()
 
     @property
     def cores(self) -> int:
@@ -334,12 +338,36 @@ class ClusterComputer:
                 "with another one, or without a cluster)"
             ) from error
 
+    def _refuse_others(self) -> None:
+        """Refuse workers that compute with another version of the code."""
+
+        def numerics() -> str:  # imports inside, so that it also runs without this package
+            try:
+                from sweeps.engine.cluster import _local_numerics
+
+                return _local_numerics()
+            except ImportError as error:
+                return f"none ({error})"
+
+        versions = self._client.run(numerics, on_error="return")
+        for address, version in versions.items():
+            if version != _local_numerics():
+                raise Refused(_difference(address, str(version), _local_numerics()))
+
 
 def _local_numerics() -> str:
     """Return the version of the numerics of this process."""
     from vibroimpact.jit import NUMERICS
 
     return f"{__version__} ({NUMERICS})"
+
+
+def _difference(address: str, there: str, here: str) -> str:
+    """Write the error about a worker with another version."""
+    return (
+        f"the worker {address} has another version of the numerics, {there}, than this process, "
+        f"{here}; install the same version of vibroimpact and numba on both"
+    )
 
 
 def _compute(sweep: Sweep, block: Block, numerics: str) -> Results:
@@ -350,12 +378,8 @@ def _compute(sweep: Sweep, block: Block, numerics: str) -> Results:
     from vibroimpact.jit import ALL_THREADS
 
     worker = get_worker()
-    if numerics != (own := _local_numerics()):
-        raise Failed(
-            f"the worker {worker.address} has another version of the numerics, {own}, than the "
-            f"process that runs the sweep, {numerics}; install the same version of vibroimpact and "
-            "numba on both"
-        )
+    if numerics != _local_numerics():
+        raise Failed(_difference(worker.address, _local_numerics(), numerics))
     with _KERNEL_LOCK:
         results = compute_block(sweep, block, min(worker.state.nthreads, ALL_THREADS))
         # Contiguous arrays are sent without a copy.

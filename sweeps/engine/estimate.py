@@ -55,8 +55,14 @@ _TYPICAL = 1000
 #: Time to write a byte of results twice, to its block and to the file [s], as measured.
 _WRITING = 5e-9
 
-#: What a control group uses and is a copy of files, which the system drops when memory is needed.
-_COPIES = ("inactive_file", "active_file")
+#: For a control group of either version: its limit, what it uses, and what of that is a copy of
+#: files, which the system drops when memory is needed.
+_V2 = ("memory.max", "memory.current", ("inactive_file", "active_file"))
+_V1 = (
+    "memory.limit_in_bytes",
+    "memory.usage_in_bytes",
+    ("total_inactive_file", "total_active_file"),
+)
 
 
 def expected_cost(
@@ -141,14 +147,16 @@ def available_memory(
 
     free = [int(psutil.virtual_memory().available)]
     for line in _lines(process):
-        if not line.startswith("0::"):  # of the first version of control groups
+        _, controllers, group = line.split(":", 2)
+        if controllers and "memory" not in controllers.split(","):
             continue
-        inside = PurePosixPath(line.removeprefix("0::/"))
-        for folder in (groups / path for path in (inside, *inside.parents)):
-            limits, usages = _lines(folder / "memory.max"), _lines(folder / "memory.current")
+        root, (limit, usage, copies) = (groups / "memory", _V1) if controllers else (groups, _V2)
+        inside = PurePosixPath(group.lstrip("/"))
+        for folder in (root / path for path in (inside, *inside.parents)):
+            limits, usages = _lines(folder / limit), _lines(folder / usage)
             if limits and usages and limits[0].isdigit():  # "max" is no limit
                 statistics = dict(line.split(" ", 1) for line in _lines(folder / "memory.stat"))
-                cached = sum(int(statistics.get(name, 0)) for name in _COPIES)
+                cached = sum(int(statistics.get(name, 0)) for name in copies)
                 free.append(max(0, int(limits[0]) - max(0, int(usages[0]) - cached)))
     return min(free)
 

@@ -93,9 +93,11 @@ def run_sweep(
     StoreError
         If the output is refused, is being written by another process or belongs to another
         sweep, or if there is too little disk space or memory.
+    Refused
+        If a worker has another version of the numerics.
     Failed
-        If the output cannot be written, the scheduler is lost, or a block fails on a worker, as on
-        one with another version of the numerics. All finished blocks are kept.
+        If the output cannot be written, the scheduler is lost, or a block fails on a worker. All
+        finished blocks are kept.
     ValueError
         If `threads` is given with a client.
 

@@ -324,7 +324,7 @@ def write_yaml(view: View, config: SweepConfig, folder: Path) -> Path:
     name = next(name for name in names if not os.path.lexists(folder / f"{name}.yaml"))
     path = folder / f"{name}.yaml"
     text = _commands(view, name) + config.model_copy(update={"name": name}).to_yaml()
-    with writing(path, "configuration") as new:
+    with writing(path, "configuration", only_new=True) as new:
         new.write(text.encode())
     return path
 

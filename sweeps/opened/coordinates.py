@@ -13,6 +13,7 @@ from sweeps.errors import Refused
 from sweeps.grid import Grid, block_points
 from sweeps.opened.opened_sweep import OpenedSweep
 from sweeps.store.variables import TRAJECTORIES, VARIABLES, Variable
+from sweeps.text import shown_count
 from vibroimpact.oscillator import Oscillator
 from vibroimpact.points.stages import RunSpec
 from vibroimpact.status import Status
@@ -137,6 +138,9 @@ class PointMotion:
         """Return a motion over `periods`, given its rows; keep at most so many of these."""
         depth = float(rows[1].max()) - oscillator.clearance
         turn = np.floor((rows[0] - rows[0, 0]) * (oscillator.omega / (2.0 * np.pi)) + 1e-6)
+        if not (np.diff(turn) >= 0.0).all() or not turn[-1] <= periods:  # another program's file
+            beyond = f"beyond its {shown_count(periods, 'forcing period')}"
+            raise Refused(f"a trajectory has times out of order or {beyond}: run the sweep again")
         chosen = (turn * most) % periods < most  # all, if they are no more
         left_out = ~(chosen | np.append(False, chosen[:-1]))  # a period ends with a row
         first_left_out = left_out & ~np.append(True, left_out[:-1])

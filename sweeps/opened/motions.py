@@ -22,12 +22,14 @@ from itertools import product
 
 import numpy as np
 
+from sweeps.errors import Refused
 from vibroimpact.orbits.branches import SpecialPoint, branch
-from vibroimpact.orbits.periodic import OrbitError, PeriodicOrbit, periodic_orbit
+from vibroimpact.orbits.periodic import MOST_IMPACTS, OrbitError, PeriodicOrbit, periodic_orbit
 from vibroimpact.oscillator import POINT, oscillator_of
 from vibroimpact.points.computation import classified_later, compute_points
-from vibroimpact.points.regimes import regimes_of, repetitions
+from vibroimpact.points.regimes import Regime, regimes_of, repetitions
 from vibroimpact.points.stages import RunSpec
+from vibroimpact.step.scheme import MOST_RECORDED
 
 #: Cycles closer than this, relative to their greatest coordinate, are the same motion.
 ORBIT_TOLERANCE = 1e-3
@@ -53,6 +55,10 @@ def motions_from(
     regimes = regimes_of(results, points["omega"], spec.periods)
     m, q = repetitions(regimes, results["period"], results["period_impacts"])
     motions["regime"], motions["m"], motions["q"] = regimes, m, q
+    states = np.where(regimes == Regime.PERIODIC, [results["orbit_x"], results["orbit_v"]], 0.0)
+    within = (m >= 0) & (m <= MOST_IMPACTS) & (q >= 0) & (q <= MOST_RECORDED)
+    if not (within & np.isfinite(states)).all():  # another program made the file
+        raise Refused("a point has an orbit that is no motion of this program: run the sweep again")
     return motions
 
 

@@ -17,6 +17,7 @@ from sweeps.opened.doors import takes_sweep
 from sweeps.opened.opened_sweep import OpenedSweep
 from vibroimpact.jit import NUMERICS, numerics_of
 from vibroimpact.jit.cache import read, root, write
+from vibroimpact.status import Status
 
 #: Most results that are kept; the oldest go first.
 _MOST = 100
@@ -38,14 +39,17 @@ def with_cache(
         """Look for a result on disk first."""
         code = [numerics_of(Path(__file__).parents[1] / room) for room in _ROOMS]
         call = [find.__name__, [each for each in request if not callable(each)], chosen]
-        source = sweep.config.to_yaml(), sweep.in_rig, sweep.grid
-        motions = _digest(source, sweep.data.coords, sweep.recorded_motions)
+        about = sweep.config.to_yaml(), sweep.in_rig, sweep.grid
+        motions = _digest(about, sweep.data.coords, sweep.recorded_motions)
         key = json.dumps([motions, NUMERICS, code, call], default=_plain, sort_keys=True)
         path = root() / "exact" / hashlib.sha256(key.encode()).hexdigest()[:24]
         if (earlier := _read(path, key)) is not None:
             say("what was found before is used again")
             return earlier
         result = find(sweep, *request, **chosen)
+        if (sweep["status"] == Status.PENDING).any():
+            say("what was found is not kept: the sweep is not complete")
+            return result
         try:
             write(path, pickle.dumps((key, result.to_dict(data="array"))), _MOST)
         except OSError as error:
@@ -60,9 +64,9 @@ def _plain(value: Any) -> int | str:
     return _digest("", value.variables, {}) if isinstance(value, xr.Dataset) else int(value)
 
 
-def _digest(source: object, variables: Mapping[Any, Any], arrays: Mapping[str, np.ndarray]) -> str:
+def _digest(about: object, variables: Mapping[Any, Any], arrays: Mapping[str, np.ndarray]) -> str:
     """Return a digest of variables of xarray and of arrays, and of what else describes them."""
-    digest = hashlib.sha256(repr(source).encode())
+    digest = hashlib.sha256(repr(about).encode())
     by_name = {(name, *variable.dims): variable.values for name, variable in variables.items()}
     for name, values in [*by_name.items(), *arrays.items()]:
         numbers = values.astype(str) if values.dtype == object else values

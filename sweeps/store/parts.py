@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import errno
 import io
+import math
 import os
 import sys
 import zipfile
@@ -19,7 +20,7 @@ from collections.abc import Collection, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -128,12 +129,12 @@ class Parts:
         with self._open(number) as (file, _):
             for name in names:
                 if name in TRAJECTORIES:
-                    columns = self._array(file, SAMPLES), self._array(file, name)
+                    columns = self._columns(file, number, name)
                     ((_, arrays[name]),) = _padded(self.schema.blocks[number], *columns)
                 elif name not in self._single:
-                    arrays[name] = self._array(file, name)
+                    arrays[name] = self._array(file, number, name)
                 elif name not in arrays:
-                    points = self._array(file, "points")
+                    points = self._array(file, number, "points")
                     arrays |= {each: points[each] for each in names if each in self._single}
         return arrays
 
@@ -154,7 +155,7 @@ class Parts:
         for number, block in enumerate(self.schema.blocks):
             for name in columns:
                 with self._open(number) as (file, _):
-                    lengths, samples = self._array(file, SAMPLES), self._array(file, name)
+                    lengths, samples = self._columns(file, number, name)
                 room = 1 + _PIECE // (samples.itemsize * max(1, self.entries[number].samples))
                 for box, array in _padded(block, lengths, samples, room):
                     yield name, box, array
@@ -183,19 +184,52 @@ class Parts:
                 raise UnreadableError(path, error) from error
             raise StoreError(f"{path} is damaged, or cannot be read: {error}") from error
 
-    def _array(self, file: zipfile.ZipFile, name: str) -> np.ndarray:
-        """Return an array of a block, all of whose bytes have been compared with their checksum."""
-        return np.lib.format.read_array(io.BytesIO(file.read(f"{name}.npy")), allow_pickle=False)
+    def _array(
+        self, file: zipfile.ZipFile, number: int, name: str, size: int | None = None
+    ) -> np.ndarray:
+        """Return an array of a block, all of whose bytes have been compared with their checksum.
+
+        Another form than that of the schema counts as damage; compressed data, which are never
+        written, could be of any size. `size` is the number of samples of a column.
+        """
+        block = self.schema.blocks[number]
+        shape = box_shape(block) if name == "points" else (block_points(block),)
+        dtype: Any = {"about": ABOUT, "points": self.points, SAMPLES: np.int64}.get(name, "f8")
+        if name in VARIABLES:
+            shape, dtype = (*self.schema.sizes(name, block).values(),), VARIABLES[name].dtype
+        shape = () if name == "about" else shape if size is None else (size,)
+        member = file.getinfo(f"{name}.npy")
+        if member.compress_type != zipfile.ZIP_STORED:
+            raise ValueError("it is compressed")
+        data = io.BytesIO(file.read(member))
+        np.lib.format.read_magic(data)
+        form = np.lib.format.read_array_header_1_0(data)
+        if form[0] != shape or form[2] != dtype:
+            raise ValueError(f"{name} has another shape or type")
+        array = np.frombuffer(data.getbuffer(), form[2], math.prod(shape), data.tell())
+        return array.reshape(shape, order="F" if form[1] else "C")
+
+    def _columns(
+        self, file: zipfile.ZipFile, number: int, name: str
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return the lengths of the trajectories of a block, and a column of all their samples."""
+        lengths = self._array(file, number, SAMPLES)
+        return lengths, self._array(file, number, name, int(lengths.sum()))
 
     def _entry(self, number: int, verify: bool) -> Entry:
         """Return the entry of a block; refuse the block of another sweep, or a damaged one."""
         with self._open(number) as (file, current):
-            head = self._array(file, "about")
-            if (head["sweep"], head["number"]) != (self.sweep, number):
+            about = self._array(file, number, "about")
+            if (about["sweep"], about["number"]) != (self.sweep, number):
                 raise StoreError(f"{self.files[number]} belongs to another sweep")
-            for member in file.namelist() if verify else ():
-                self._array(file, member.removesuffix(".npy"))
-        return Entry(int(head["samples"]), float(head["seconds"]), current)
+            columns = set(TRAJECTORIES).intersection(self.schema.variables)
+            lengths = self._array(file, number, SAMPLES) if columns else np.zeros(1)
+            if lengths.min() < 0 or lengths.max() != about["samples"]:
+                raise ValueError("it has other samples than it says")
+            names = {"points", *self.schema.variables}.difference(self._single)
+            for name in names if verify else ():
+                (self._columns if name in columns else self._array)(file, number, name)
+        return Entry(int(about["samples"]), float(about["seconds"]), current)
 
 
 def _joined(blocks: Sequence[Block], room: int) -> list[tuple[Block, list[int]]]:

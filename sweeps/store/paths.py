@@ -15,6 +15,7 @@ from enum import Enum
 from pathlib import Path
 
 from sweeps.errors import StoreError
+from sweeps.interrupts import without_waiting
 from sweeps.store.replacing import (
     TRAILER,
     UnreadableError,
@@ -110,7 +111,11 @@ def open_regular(path: Path) -> io.BufferedReader:
     try:
         mode = os.stat(path).st_mode
         if stat.S_ISREG(mode):
-            return open(path, "rb")
+            file = open(path, "rb", opener=without_waiting)
+            mode = os.fstat(file.fileno()).st_mode  # another file may have the name by now
+            if stat.S_ISREG(mode):
+                return file
+            file.close()
     except (FileNotFoundError, NotADirectoryError):
         raise
     except (OSError, ValueError) as error:  # too long a name, a null byte
@@ -213,7 +218,7 @@ def check_room(path: Path, size: int, *, resume: bool = False) -> None:
     incomplete = identity(parts / SCHEMA) is not None
     existing = incomplete or path.exists()
     if resume and existing:  # the blocks already take part of the room, a complete file all
-        used_bytes = sum(known[2] for file in parts.glob("*") if (known := identity(file)))
+        used_bytes = sum(about[2] for file in parts.glob("*") if (about := identity(file)))
         size = size - used_bytes if incomplete else 0
     free = shutil.disk_usage(parts.parent).free
     if size > free:

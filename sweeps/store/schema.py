@@ -33,6 +33,7 @@ from sweeps.store.variables import (
 )
 from sweeps.yaml_text import yaml_mapping
 from vibroimpact import __version__
+from vibroimpact.oscillator import PARAMETERS
 
 #: Attribute that names the fixed parameters and the columns: coordinates for xarray (CF 5).
 _COORDINATES = "coordinates"
@@ -185,7 +186,7 @@ def write_schema(file: h5py.File, schema: Schema, *, compressed: bool, with_bloc
 
 @contextmanager
 def of_this_form(path: Path) -> Iterator[None]:
-    """Refuse a file whose checksums are right, but which lacks what a sweep has."""
+    """Refuse a file whose checksums are right, but not its form, as another program can make it."""
     try:
         yield
     except (StoreError, MemoryError):
@@ -196,10 +197,52 @@ def of_this_form(path: Path) -> Iterator[None]:
         ) from error
 
 
+def _dataset_in(file: h5py.File, name: str) -> h5py.Dataset:
+    """Return a dataset with this name, whose data are in this file."""
+    is_inside = "/" not in name and isinstance(file.get(name, getlink=True), h5py.HardLink)
+    data = file[name] if is_inside else None
+    if not isinstance(data, h5py.Dataset) or data.external or data.is_virtual:
+        raise ValueError(f"{name} is not in it")
+    return data
+
+
 def _values(file: h5py.File, name: str) -> np.ndarray:
-    """Return the values of a dataset."""
-    data = file[name]
+    """Return the values of a dataset that is as large as the file says."""
+    data = _dataset_in(file, name)
+    if data.nbytes > data.id.get_storage_size():
+        raise ValueError(f"{name} lacks values")
     return data.asstr()[()] if h5py.check_string_dtype(data.dtype) else data[()]
+
+
+def _check_form(file: h5py.File, schema: Schema) -> None:
+    """Raise an error unless attributes, variables and blocks are as the axes require."""
+    texts = "name", "configuration", "computation", "numerics"
+    if {type(schema.attributes[key]) for key in texts} != {str}:
+        raise TypeError("an attribute is no text")
+    variables = [VARIABLES[name] for name in ("poincare_x", *schema.variables)]
+    kinds = {(variable.dimension, variable.diagnostic) for variable in variables}
+    for name, variable in VARIABLES.items():
+        if (variable.dimension, variable.diagnostic) in kinds:  # of which a file has all
+            data, shape = _dataset_in(file, name), (*schema.sizes(name).values(),)
+            if (data.shape, data.dtype) != (shape, variable.dtype):
+                raise ValueError(f"{name} has another shape or type")
+    if any(
+        each.dtype.kind != "i" or (np.diff(each) != 1).any() for each in schema.records.values()
+    ):
+        raise ValueError("a record has other numbers")
+    rows = schema.axes.get(TABLE, np.empty(0))
+    columns = {name: rows[name] for name in rows.dtype.names or () if name in PARAMETERS}
+    parameters: dict[str, Any] = {**columns, **schema.fixed, **schema.axes}
+    required = {name for name, each in PARAMETERS.items() if each.default is None}
+    for name in sorted((parameters.keys() | required) - {TABLE, DIRECTION}):
+        bounds, values = PARAMETERS.get(name), np.ravel(parameters.get(name, np.nan))
+        once = name not in schema.axes or len({*values.tolist()}) == values.size
+        if not bounds or not bounds.accepts(values).all() or not once:
+            raise ValueError(f"{name} is no parameter, or has other values than a parameter")
+    lengths = [*map(len, schema.axes.values())]
+    for block in schema.blocks:
+        if any(not 0 <= a.start < a.stop <= n for a, n in zip(block, lengths, strict=True)):
+            raise ValueError("a block is not inside the axes")
 
 
 def schema_in(file: h5py.File) -> Schema:
@@ -212,7 +255,7 @@ def schema_in(file: h5py.File) -> Schema:
     if columns:
         values[TABLE] = table_values({name: values[name] for name in columns})
     blocks = _values(file, _BLOCKS).tolist() if _BLOCKS in file else ()
-    return Schema(
+    schema = Schema(
         {axis: values.pop(axis) for axis in axes},
         {name: float(value) for name, value in values.items() if name not in columns},
         {record: _values(file, record) for record in records if record},
@@ -221,6 +264,8 @@ def schema_in(file: h5py.File) -> Schema:
         {k: v for k, v in file.attrs.items() if k not in ("duration", _COORDINATES)},
         {name: str(file[name].attrs.get("units", "1")) for name in columns},
     )
+    _check_form(file, schema)
+    return schema
 
 
 def _storage(schema: Schema, name: str, compressed: bool) -> dict[str, Any]:

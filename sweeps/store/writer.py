@@ -36,6 +36,7 @@ from sweeps.store.replacing import (
     Identity,
     check_path,
     draft_of,
+    has_name,
     identity,
     reason,
     remove_leftovers,
@@ -47,6 +48,11 @@ from sweeps.store.variables import TRAJECTORIES, VARIABLES
 
 #: Time after which the names of blocks are put on the disk, too [s]; for each it would be slow.
 _SYNC = 1.0
+#: More bytes than a lock has, also one of filelock, with the names of a host and of a container.
+_MOST_TEXT = 1024
+#: Valid contents of a lock: this program's text, the text that filelock writes on systems without
+#: locks, nothing if the writer was killed early, or zeros, which a loss of power may leave.
+_LOCK_TEXT = re.compile(rb"vibroimpact lock of process \d+\n|\d+\n\S+\n(?:\d+\n)?|\0{,99}")
 
 
 @contextmanager
@@ -65,17 +71,13 @@ def sweep_writer(
     real = Path(os.path.realpath(path))  # the file that is checked, also if a link changes
     lock_file, folder = real.with_name(f"{real.name}{LOCK}"), parts_path(real)
     try:
-        lock, own = _acquired(lock_file)
+        lock, lock_status = _acquired(lock_file)
     except Timeout:
-        if (status := identity(lock_file)) is None:
+        if not os.path.lexists(lock_file):
             raise StoreError(
                 f"no file can be made in the folder {real.parent} of the output {path.name}"
             ) from None
-        ended = f"if it has ended, remove {lock_file}, " if status[2] else ""
-        raise StoreError(
-            f"{path} is being written by another process; wait for it, stop it with Ctrl-C or "
-            f"kill, {ended}or give another output"
-        ) from None
+        raise StoreError(f"{path} is being written by {_holder(lock_file)}") from None
     except OSError as error:
         raise StoreError(f"{str(path)!r} cannot be locked for writing: {reason(error)}") from None
     try:
@@ -93,7 +95,7 @@ def sweep_writer(
                 folder.rmdir()
     finally:
         with suppress(OSError):  # on Windows a locked file cannot be removed
-            if own and identity(lock_file) == own:
+            if lock_status and has_name(lock_file, lock_status):
                 lock_file.unlink()
         lock.release()
 
@@ -219,9 +221,9 @@ class SweepWriter:
         folder = parts_path(self._path)
         schema, last = folder / SCHEMA, draft_of(folder / SCHEMA)
         with suppress(OSError):  # on Windows, another process is reading it; there are other files
-            if (own := self._files.pop(schema, None)) == identity(schema) and own:
+            if (about := self._files.pop(schema, None)) == identity(schema) and about:
                 os.replace(schema, last)
-                self._files[last] = own
+                self._files[last] = about
                 sync_names(folder)  # a loss of power leaves no schema without its blocks
             self._remove_files(BLOCK)
             sync_names(folder)
@@ -230,8 +232,8 @@ class SweepWriter:
 
     def _remove_files(self, names: str) -> None:
         """Remove the known files of the folder whose names match a pattern."""
-        for path, own in list(self._files.items()):
-            if path != self._path and re.fullmatch(names, path.name) and identity(path) == own:
+        for path, about in list(self._files.items()):
+            if path != self._path and re.fullmatch(names, path.name) and identity(path) == about:
                 path.unlink()
                 del self._files[path]
 
@@ -250,30 +252,66 @@ def _failure(path: Path, action: str) -> Iterator[None]:
 # The lock
 
 
-def _acquired(name: Path) -> tuple[BaseFileLock, Identity | None]:
-    """Return a held lock, and its empty file if it is one of the system, which ends with a process.
+def _acquired(name: Path) -> tuple[BaseFileLock, os.stat_result | None]:
+    """Return the held lock of a file, which names this process, and the status of that file.
 
-    Without such locks the file itself is the lock. A killed process leaves it; a process of the
-    same machine, outside containers or in the same one, then takes it over.
+    It is a lock of the system, or the file itself where there are no locks; then there is no
+    status, as the lock removes its file. A killed process leaves such a file, which a process of
+    the same machine, outside containers or in the same one, then takes over.
     """
-    before = after = identity(name)
+    _, before = _lock(name)  # refuses another file of that name
     lock: BaseFileLock = FileLock(name, fallback_to_soft=False)
     try:
-        if is_file := before is None or stat.S_ISREG(os.lstat(name).st_mode):
-            lock.acquire(blocking=False)
-            after = identity(name)
+        lock.acquire(blocking=False)
     except OSError as error:
         if error.errno not in NO_LOCKS:
             raise
-        if before is None:
+        if not (before or _lock(name)[0]):
             name.unlink(missing_ok=True)
-        lock = SoftFileLock(name)
+        lock = SoftFileLock(name)  # it writes a text of its own
         lock.acquire(blocking=False)
         return lock, None
-    if is_file and not (after and after[2]):
-        return lock, after
-    lock.release()
-    raise StoreError(
-        f"{name} is needed as a lock, but something else has that name; move it, or give another "
-        "output"
-    )
+    try:
+        return lock, _lock(name, b"vibroimpact lock of process %d\n" % os.getpid())[1]
+    except BaseException:
+        if before is None:
+            name.unlink(missing_ok=True)
+        lock.release()
+        raise
+
+
+def _holder(name: Path) -> str:
+    """Name the process that holds a lock, and say what the user can do."""
+    text = _lock(name)[0].decode(errors="replace")
+    match = re.search(r"(\d+)\n?(.*)", text)
+    number, host = match.groups() if match else ("of an unknown number", "")
+    process = f"process {number}{f' on {host}' if host else ''}"
+    ended = f"if it has ended, remove {name}, " if host else ""
+    return f"{process}; wait for it, stop it with Ctrl-C or kill, {ended}or give another output"
+
+
+def _lock(name: Path, new: bytes = b"") -> tuple[bytes, os.stat_result | None]:
+    """Return content and status of a lock, and write a new content; refuse another file there."""
+    text, about = b"", None
+    with suppress(FileNotFoundError, PermissionError):  # of a lock held by others on Windows
+        about = os.lstat(name)
+        if not stat.S_ISREG(about.st_mode):
+            text = b"another"
+        else:  # follows no link and waits for no FIFO put there
+            flags = getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0)
+            descriptor = os.open(name, flags | (os.O_RDWR if new else os.O_RDONLY))
+            try:
+                about, text = os.fstat(descriptor), os.read(descriptor, _MOST_TEXT)
+                if new and _LOCK_TEXT.fullmatch(text):
+                    if text:
+                        os.ftruncate(descriptor, 0)
+                        os.lseek(descriptor, 0, os.SEEK_SET)
+                    os.write(descriptor, new)
+            finally:
+                os.close(descriptor)
+    if not _LOCK_TEXT.fullmatch(text):
+        raise StoreError(
+            f"{name} is needed as a lock, but something else has that name; move it, or give "
+            "another output"
+        )
+    return text, about

@@ -183,6 +183,8 @@ def _lazy(
     chunks: Mapping[str, tuple[int, ...]],
 ) -> xr.Dataset:
     """Return a sweep whose variables are read by `read(name, key)`, best in such `chunks`."""
+    from sweeps.yaml_text import yaml_mapping
+
     data = {}
     for name in sorted(schema.variables):  # as in HDF5
         sizes, dtype = schema.sizes(name), np.dtype(VARIABLES[name].dtype)
@@ -191,6 +193,7 @@ def _lazy(
     # A file of an earlier version lacks the parameters that came later.
     coordinates: dict[str, Any] = {name: ((), each.default) for name, each in PARAMETERS.items()}
     coordinates |= schema.coordinates()
+    yaml_mapping(schema.attributes["computation"], "the computation")  # or refused
     dataset = xr.Dataset(data, coordinates, {**schema.attributes, "duration": duration})
     for called, variable in dataset.variables.items():
         variable.attrs = attributes_of(str(called), schema.attributes, schema.column_units)

@@ -1,5 +1,8 @@
 """The cache of compiled code: never required, never trusted if another user could write."""
 
+import builtins
+import io
+import itertools
 import os
 import pickle
 import resource
@@ -171,6 +174,101 @@ def test_where_others_may_replace_the_folder_nothing_is_executed(folder, tmp_pat
     tmp_path.chmod(0o1777)
     cache.write(path, b"kept")
     assert cache.read(path) == b"kept"
+
+
+#: Calls of the system that look at a path or use it.
+CALLS = {
+    os: "open close stat lstat fstat listdir scandir mkdir replace rename unlink",
+    builtins: "open",
+    io: "open",
+}
+RENAME = os.rename
+
+
+def exchanged_at(number, work, place, other):
+    """Do a piece of work, and exchange two paths after a call of the system in it.
+
+    Return the result, None after an OSError, and whether the work makes so many calls.
+    """
+    calls = 0
+
+    def watched(function):
+        def watch(*arguments, **options):
+            nonlocal calls
+            try:
+                return function(*arguments, **options)
+            finally:
+                calls += 1
+                if calls == number:
+                    RENAME(place, place.with_name("before"))
+                    RENAME(other, place)
+
+        return watch
+
+    with pytest.MonkeyPatch.context() as patch:
+        for module, names in CALLS.items():
+            for name in names.split():
+                patch.setattr(module, name, watched(getattr(module, name)))
+        try:
+            result = work()
+        except OSError:
+            result = None
+    return result, calls >= number
+
+
+@pytest.fixture
+def places(tmp_path):
+    """Return a function that makes a folder with a kept file, and a copy of it of another user."""
+    if os.geteuid() != 0:
+        pytest.skip("only root can give a file away")
+    numbers = itertools.count()
+
+    def make(depth, linked):
+        """Return the file, and two paths: the file or a folder above it, and what replaces it."""
+        new = tmp_path / str(next(numbers))
+        path, theirs = new / "root/folder/file", new / "their/folder/file"
+        for one, data in ((path, b"ours"), (theirs, b"theirs")):
+            cache.write(one, data)
+        for one in (theirs, *theirs.parents[:2]):
+            os.chown(one, 65534, 65534)
+        place, other = ((one, *one.parents)[depth] for one in (path, theirs))
+        if linked:
+            (new / "link").symlink_to(other)
+            other = new / "link"
+        return path, place, other
+
+    return make
+
+
+@pytest.mark.parametrize("linked", [False, True])
+@pytest.mark.parametrize("depth", [0, 1, 2], ids=["file", "folder", "root"])
+def test_what_another_user_puts_there_meanwhile_is_not_read(places, depth, linked):
+    """Its name is exchanged after each call of the system in turn, and back never."""
+    number, reached, results = 0, True, set()
+    while reached:
+        number += 1
+        path, place, other = places(depth, linked)
+        result, reached = exchanged_at(number, lambda: cache.read(path), place, other)  # noqa: B023
+        results.add(result)
+    assert number > 3
+    assert results <= {b"ours", None} and b"ours" in results
+
+
+def test_no_file_is_written_or_removed_where_another_user_leads_the_name(places):
+    """The oldest of the kept files go, and not those of a folder to which a link leads."""
+    number, reached, texts = 0, True, {"a": "1", "b": "2"}
+    while reached:
+        number += 1
+        path, place, other = places(1, True)
+        documents = path.parents[2] / "documents"
+        documents.mkdir(mode=0o700)
+        for name, text in texts.items():
+            (documents / name).write_text(text)
+        other.unlink()
+        other.symlink_to(documents)
+        _, reached = exchanged_at(number, lambda: cache.write(path, b"new", 1), place, other)  # noqa: B023
+        assert {one.name: one.read_text() for one in documents.iterdir()} == texts
+    assert number > 5
 
 
 def test_a_link_in_place_of_the_folder_is_not_followed(folder, tmp_path):

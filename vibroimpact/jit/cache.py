@@ -12,13 +12,14 @@ from __future__ import annotations
 
 import ast
 import contextlib
+import errno
 import hashlib
 import os
 import stat
 import time
 import warnings
-from collections.abc import Mapping
-from functools import cache, partial
+from collections.abc import Iterator, Mapping
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -31,7 +32,9 @@ from vibroimpact.jit.watching import tell
 _DOCUMENTED = (ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)
 _DIGEST = hashlib.sha256().digest_size
 #: Windows has no owners; there the cache is in the profile of the user.
-_OWNERS = hasattr(os, "geteuid")
+_OWNERS = hasattr(os, "geteuid") and os.open in os.supports_dir_fd
+#: A link is not followed, and for the writer of a pipe nothing waits.
+_AS_IT_IS = (os.O_NOFOLLOW | os.O_NONBLOCK) if _OWNERS else 0
 
 #: Longest wait for another process [s], many times that of a compilation: it may be stopped.
 LONGEST_WAIT = 120.0
@@ -117,18 +120,38 @@ def make_folder(folder: Path) -> None:
     folder.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
     with contextlib.suppress(FileExistsError):
         folder.mkdir(mode=0o700)
-    refuse_shared(folder)
+    with _opened(folder):
+        pass
 
 
-def refuse_shared(folder: Path) -> None:
-    """Raise an OSError unless only this user may change a folder, and what its name stands for."""
-    status, above = os.lstat(folder), os.stat(folder.parent)
-    if not stat.S_ISDIR(status.st_mode):
-        raise OSError(0, "it is not a folder")
-    if reason := _foreign(status):
-        raise OSError(0, reason)
-    if not above.st_mode & stat.S_ISVTX and _OWNERS and above.st_mode & 0o022:
-        raise OSError(0, "other users may write to the folder above it, and replace it")
+@contextlib.contextmanager
+def _opened(folder: Path) -> Iterator[tuple[Path, int | None]]:
+    """Open a folder that only this user may change; OSError if others may.
+
+    Another user may exchange what a name stands for after any look at it. So the open folder itself
+    is judged, and its files are reached through it: by the path and the descriptor of its folder
+    that this yields.
+    """
+    if not _OWNERS:
+        if not folder.is_dir():
+            raise OSError(0, "it is not a folder")
+        yield folder, None
+        return
+    with contextlib.ExitStack() as stack:
+        above = os.open(folder.parent, os.O_DIRECTORY)
+        stack.callback(os.close, above)
+        mode = os.fstat(above).st_mode
+        if mode & 0o022 and not mode & stat.S_ISVTX:
+            raise OSError(0, "other users may write to the folder above it, and replace it")
+        try:
+            here = os.open(folder.name, os.O_DIRECTORY | os.O_NOFOLLOW, dir_fd=above)
+        except OSError as error:
+            linked = error.errno in (errno.ENOTDIR, errno.ELOOP)
+            raise OSError(0, "it is not a folder") if linked else error from None
+        stack.callback(os.close, here)
+        if reason := _foreign(os.fstat(here)):
+            raise OSError(0, reason)
+        yield Path(), here
 
 
 def _foreign(status: os.stat_result) -> str | None:
@@ -142,13 +165,17 @@ def _foreign(status: os.stat_result) -> str | None:
 
 def read(path: Path) -> bytes | None:
     """Return the data that `write` stored; None if missing, damaged, or open to other users."""
-    with contextlib.suppress(OSError):
-        refuse_shared(path.parent)
-        status = os.lstat(path)
-        if stat.S_ISREG(status.st_mode) and _foreign(status) is None:
-            data = path.read_bytes()
-            if hashlib.sha256(data[_DIGEST:]).digest() == data[:_DIGEST]:
-                return data[_DIGEST:]
+    with contextlib.suppress(OSError), _opened(path.parent) as (folder, at):
+
+        def opened(name: str, flags: int) -> int:
+            return os.open(name, flags | _AS_IT_IS, dir_fd=at)
+
+        with open(folder / path.name, "rb", opener=opened) as file:
+            status = os.fstat(file.fileno())
+            if stat.S_ISREG(status.st_mode) and _foreign(status) is None:
+                data = file.read()
+                if hashlib.sha256(data[_DIGEST:]).digest() == data[:_DIGEST]:
+                    return data[_DIGEST:]
     return None
 
 
@@ -158,20 +185,26 @@ def write(path: Path, data: bytes, most: int | None = None) -> None:
     If the folder then has more than `most` files, the oldest go.
     """
     make_folder(path.parent)
-    draft = path.with_name(os.urandom(8).hex())
-    try:
-        with open(draft, "xb", opener=partial(os.open, mode=0o600)) as file:
-            file.write(hashlib.sha256(data).digest() + data)
-        os.replace(draft, path)
-    except BaseException:
-        with contextlib.suppress(OSError):
-            draft.unlink()
-        raise
-    if most is not None:
-        with contextlib.suppress(OSError):
-            files = sorted(path.parent.iterdir(), key=lambda file: file.stat().st_mtime)
-            for oldest in files[:-most]:
-                oldest.unlink()
+    with _opened(path.parent) as (folder, at):
+        draft = folder / os.urandom(8).hex()
+
+        def made(name: str, flags: int) -> int:
+            return os.open(name, flags, 0o600, dir_fd=at)
+
+        try:
+            with open(draft, "xb", opener=made) as file:
+                file.write(hashlib.sha256(data).digest() + data)
+            os.replace(draft, folder / path.name, src_dir_fd=at, dst_dir_fd=at)
+        except BaseException:
+            with contextlib.suppress(OSError):
+                os.unlink(draft, dir_fd=at)
+            raise
+        if most is not None:
+            with contextlib.suppress(OSError):
+                files = [folder / name for name in os.listdir(folder if at is None else at)]
+                files.sort(key=lambda path: os.stat(path, dir_fd=at).st_mtime)
+                for oldest in files[:-most]:
+                    os.unlink(oldest, dir_fd=at)
 
 
 @cache

@@ -1,5 +1,6 @@
 """Commands in other environments: start-up, odd settings, names and streams."""
 
+import errno
 import os
 import re
 import shutil
@@ -11,6 +12,7 @@ import matplotlib as mpl
 import pytest
 
 from sweeps import Refused, explore, open_sweep, run_sweep
+from sweeps.cli.__main__ import _reason
 from sweeps.text import printable
 from tests.helpers.commands import SMALL, accepted, call, refused
 from tests.helpers.interruptions import environment
@@ -240,3 +242,8 @@ def test_a_warning_is_one_line_and_a_character_that_the_encoding_lacks_is_escape
     warned = ["the cache\\x1b[31m is full", "so is the disk"]
     assert done.stderr == "".join(f"vibroimpact: warning: {text}\n" for text in warned)
     assert done.stdout == "\\u65e5\n"
+
+
+def test_an_error_of_a_file_without_a_name_does_not_blame_the_standard_output():
+    said = "a file cannot be read or written: Stale file handle"
+    assert _reason(OSError(errno.ESTALE, "Stale file handle")) == said

@@ -18,7 +18,7 @@ from sweeps.engine.cluster import ClusterComputer
 from sweeps.engine.estimate import block_size
 from sweeps.engine.executors import compute_block
 from sweeps.engine.sweep_run import run_sweep
-from sweeps.errors import Failed
+from sweeps.errors import Failed, Refused
 from sweeps.store.writer import SweepWriter
 from sweeps.store.xarray_engine import open_sweep
 from tests.helpers.clusters import CLUSTERED as CONFIG
@@ -174,6 +174,18 @@ def stranger(client):
     pretend(NUMERICS)
 
 
+def test_a_worker_with_other_numerics_is_refused(client, stranger):
+    pretend, address = stranger
+    pretend()
+    with pytest.raises(Refused) as caught:
+        run_sweep(load(CONFIG), "out.h5", client=client)
+    assert not isinstance(caught.value, Failed)
+    for part in (address, "0123456789abcdef", NUMERICS):
+        assert part in str(caught.value)
+    said = refused_run("--dask", client.scheduler.address, "--quiet")
+    assert said == f"vibroimpact: error: {caught.value}\n"
+
+
 def test_a_worker_that_joins_with_other_numerics_is_refused(monkeypatch, client, stranger):
     pretend, address = stranger
     # So many blocks that each worker has some left, however slow it is.
@@ -186,6 +198,25 @@ def test_a_worker_that_joins_with_other_numerics_is_refused(monkeypatch, client,
         assert part in str(caught.value)
     run_sweep(load(CONFIG), "out.h5", resume=True)
     assert_same_bits("out.h5")
+
+
+def test_a_worker_without_this_package_is_refused(client):
+    def hide():
+        import sys
+
+        sys.modules["sweeps.engine.cluster"] = None
+
+    def show():
+        import sys
+
+        del sys.modules["sweeps.engine.cluster"]
+
+    client.run(hide)
+    try:
+        with pytest.raises(Refused, match=r"tcp://\S+ has another version .*, none \("):
+            ClusterComputer(client)
+    finally:
+        client.run(show)
 
 
 def test_a_worker_with_many_threads_is_in_the_kernel_once(monkeypatch):

@@ -201,6 +201,13 @@ def test_a_folder_that_cannot_be_used_is_said(path, cache):
     assert accepted("info", path, "--bifurcations", "--at", "R=0.7").count("not kept") == 1
 
 
+def test_an_incomplete_sweep_keeps_nothing(tmp_path, stop_after):
+    with stop_after(1, size=9), pytest.raises(KeyboardInterrupt):
+        run_in(tmp_path, SWEEP)
+    _, said = asked(tmp_path / "out.h5", branches, "omega")
+    assert said == ["what was found is not kept: the sweep is not complete"]
+
+
 def test_plot_and_info_share_what_was_found(path):
     command = "plot", "out.h5", "--exact", "--dpi", "50", "--at", "R=0.7"
     assert FOUND not in accepted(*command)

@@ -4,9 +4,7 @@ Complete files, compressed or not, and the schema and a block of an incomplete s
 some places; at every byte: ``pytest -m campaign tests/sweeps/store/test_damage.py``.
 """
 
-import io
 import shutil
-import zipfile
 from pathlib import Path
 
 import h5py
@@ -15,13 +13,11 @@ import pytest
 import xarray as xr
 
 from sweeps.errors import StoreError
-from sweeps.store import parts
-from sweeps.store import schema as schema_file
 from sweeps.store.variables import VARIABLES
 from sweeps.store.xarray_engine import open_sweep
 from tests.helpers.commands import SMALL, accepted, call, refused
 from tests.helpers.sweep_files import data
-from tests.helpers.written_files import GRID, begun, block_results, fill_blocks, schema
+from tests.helpers.written_files import GRID, fill_blocks
 from vibroimpact.status import Status
 
 CONFIG = SMALL
@@ -162,49 +158,3 @@ def test_a_damaged_file_is_computed_again_from_its_own_configuration():
     assert "small.h5 is damaged: poincare_v" in call("info", "small.h5").stderr
     accepted("run", "small.h5", "-o", "new.h5", "--quiet")
     xr.testing.assert_identical(data("new.h5"), good)
-
-
-BLOCK = Path("out.h5.parts/block-000001.npz")
-
-
-def damaged_blocks(content):
-    """Yield a block cut off, with another number, and with zeros as checksum and size of a part."""
-    number = content.index(block_results((slice(0, 1), slice(2, 4)))["poincare_v"].tobytes())
-    yield "another number", content[:number] + b"\0" + content[number + 1 :]
-    place = int.from_bytes(content[-6:-2], "little")  # of the table of contents
-    yield "before the file", content[:-6] + (place + 9).to_bytes(4, "little") + content[-2:]
-    for length in np.linspace(0, len(content) - 1, 5).astype(int):
-        yield length, content[:length]
-    with zipfile.ZipFile(io.BytesIO(content)) as file:
-        members = file.infolist()
-    for member in members:
-        entry = content.rindex(member.filename.encode()) - 46
-        damaged = bytearray(content)
-        damaged[entry + 16 : entry + 28] = bytes(12)  # CRC-32, compressed size, size
-        if member.file_size:
-            yield member.filename, damaged
-
-
-def test_a_damaged_block_counts_as_not_computed():
-    fill_blocks("out.h5", 2)
-    for name, content in damaged_blocks(BLOCK.read_bytes()):
-        BLOCK.write_bytes(content)
-        with open_sweep("out.h5") as dataset:
-            done = dataset.load()["status"].values[0] != Status.PENDING
-            assert done.tolist() == [True] * 2 + [False] * 4, name
-        with begun("out.h5", schema(), resume=True) as (store, pending):
-            assert store.damaged == 1 and len(pending) == 5, name
-
-
-def test_what_the_memory_has_no_room_for_is_not_damaged(monkeypatch):
-    def lacking(*_):
-        raise MemoryError
-
-    fill_blocks("out.h5", 2)
-    with monkeypatch.context() as patch, pytest.raises(StoreError, match="cannot be read: Mem"):
-        patch.setattr(parts.zipfile.ZipFile, "read", lacking)
-        open_sweep("out.h5")
-    assert fill_blocks("out.h5", resume=True) == 0
-    with monkeypatch.context() as patch, pytest.raises(MemoryError):
-        patch.setattr(schema_file, "_values", lacking)
-        open_sweep("out.h5")

@@ -194,6 +194,14 @@ def test_a_fault_is_said_and_loses_nothing_else(monkeypatch, path, row):
     assert not PARTS.exists()
 
 
+def test_a_lock_for_which_the_disk_has_no_room_is_not_left_behind():
+    said = "cannot be locked for writing: File too large"
+    with pytest.raises(StoreError, match=said), room_again():
+        fill_disk()
+        fill_blocks("out.h5")
+    assert not Path("out.h5.lock").exists()
+
+
 def turn_the_link():
     Path("link.h5").unlink()
     Path("link.h5").symlink_to("other.h5")

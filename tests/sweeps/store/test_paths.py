@@ -3,6 +3,7 @@
 import errno
 import inspect
 import os
+import re
 import shutil
 import stat
 import subprocess
@@ -19,7 +20,7 @@ from filelock import FileLock, Timeout
 from matplotlib.backend_bases import FigureCanvasBase
 
 from sweeps.errors import StoreError
-from sweeps.store.paths import FORMAT, FORMAT_VERSION, check_output, check_room
+from sweeps.store.paths import FORMAT, FORMAT_VERSION, check_output, check_room, open_regular
 from sweeps.store.writer import sweep_writer
 from sweeps.store.xarray_engine import open_sweep
 from tests.helpers.commands import call
@@ -62,11 +63,25 @@ def hdf5_of_another_program(path):
         file.attrs["format"] = "another"
 
 
+def test_a_fifo_that_takes_the_name_of_a_file_is_not_waited_for(monkeypatch):
+    """Between the look at the file and its opening."""
+    Path("a.h5").touch()
+    before = os.stat("a.h5")
+    os.remove("a.h5")
+    os.mkfifo("a.h5")
+    writer = os.open("a.h5", os.O_RDWR)
+    for close in (lambda: os.close(writer), lambda: None):  # the second time nobody writes
+        with monkeypatch.context() as patch, pytest.raises(StoreError, match="is a FIFO"):
+            patch.setattr(os, "stat", lambda path: before)
+            open_regular(Path("a.h5"))
+        close()
+
+
 SCHEMA = "out.h5.parts/schema.h5"
 NO_FOLDER = "out.h5.parts is needed as a folder, but something else has that name"
 NO_LOCK = "out.h5.lock is needed as a lock, but something else has that name; move it"
-#: Texts that are no lock.
-TEXTS = ("my notes\n", "42\n")
+#: Texts that are no lock of this program, though one begins like it.
+TEXTS = ("my notes\n", "42\n", "vibroimpact lock of process 1\nand more\n", 100 * "\0")
 #: What others have put where a run would write: the name, what it is, and what is said of it.
 OTHERS = [
     *((name, os.mkfifo, "not a regular file") for name in ("out.h5", SCHEMA)),
@@ -267,16 +282,16 @@ def holder(path, first="", launcher=()):
             process.kill()
 
 
-def test_a_second_writer_is_refused_and_a_dead_one_is_not():
+def test_a_second_writer_is_refused_by_number_and_a_dead_one_is_not():
     Path("link.h5").symlink_to("out.h5")
-    with holder("out.h5"):
+    with holder("out.h5") as other:
         for name in ("out.h5", "link.h5", "out.h5"):
-            with pytest.raises(StoreError, match="being written by another process; wait"):
+            with pytest.raises(StoreError, match=f"being written by process {other.pid};"):
                 with sweep_writer(Path(name)):
                     pass
     assert Path("out.h5.lock").exists()  # its process was killed
     with sweep_writer(Path("out.h5")):
-        assert Path("out.h5.lock").exists()
+        assert re.search(rf"process {os.getpid()}\n", Path("out.h5.lock").read_text())
     assert not Path("out.h5.lock").exists()
 
 
@@ -292,14 +307,23 @@ def test_a_folder_without_room_for_a_lock_is_not_taken_for_another_writer(monkey
             pass
 
 
+@pytest.mark.parametrize("text", [b"", bytes(len("vibroimpact lock of process 12345\n"))])
+def test_a_lock_that_lost_its_text_with_the_power_is_a_leftover(text):
+    fill_blocks("out.h5", 2)
+    Path("out.h5.lock").write_bytes(text)
+    fill_blocks("out.h5", resume=True)
+    assert not Path("out.h5.lock").exists()
+
+
 @pytest.mark.parametrize("error", [errno.ENOSYS, errno.ENOLCK, errno.EOPNOTSUPP])
 def test_on_a_disk_without_locks_the_file_itself_is_the_lock(monkeypatch, error):
-    """A dead process of this machine loses it."""
+    """A dead process of this machine loses it; a living or a distant one is named."""
     monkeypatch.setattr("fcntl.flock", partial(refuse_lock, error=error))
+    monkeypatch.setattr("socket.gethostname", lambda: "n" * 64)  # the longest on Linux
     fill_blocks("out.h5", 2)
     with sweep_writer(Path("out.h5"), resume=True):
         mine = Path("out.h5.lock").read_text()
-        with pytest.raises(StoreError, match=r"if it has ended, remove .*out\.h5\.lock, or"):
+        with pytest.raises(StoreError, match=rf"process {os.getpid()} on n{{64}}.*, remove"):
             fill_blocks("out.h5", resume=True)
     with subprocess.Popen(["true"]) as ended:
         pass
@@ -309,7 +333,7 @@ def test_on_a_disk_without_locks_the_file_itself_is_the_lock(monkeypatch, error)
     fill_blocks("out.h5", resume=True)
     assert set(os.listdir()) == {"sweep.yaml", "out.h5"}
     Path("out.h5.lock").write_text("1\nanother-machine\n")
-    with pytest.raises(StoreError, match=r"another process; wait .*if it has ended"):
+    with pytest.raises(StoreError, match=r"process 1 on another-machine; wait .*if it has ended"):
         fill_blocks("out.h5", resume=True)
 
 
@@ -329,7 +353,7 @@ def test_a_lock_of_another_container_is_not_taken_over(monkeypatch):
         pass
     number = f'echo {ended.pid - 1} > /proc/sys/kernel/ns_last_pid; "$@"; true'
     with holder("out.h5", WITHOUT_LOCKS, [*CONTAINER, "sh", "-c", number, "sh"]):
-        with pytest.raises(StoreError, match=r"by another process; wait .*if it has"):
+        with pytest.raises(StoreError, match=rf"by process {ended.pid} on .*; wait .*if it has"):
             with sweep_writer(Path("out.h5")):
                 pass
 
