@@ -1,4 +1,4 @@
-"""Numbers and words of any message: digits, ranges ``low .. high``, units, tables, progress."""
+"""Words of any message: numbers, ranges ``low .. high``, tables, commands, progress."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`LivePage`: answers clicks and other events: tabs, the next `View`; its thread."""
+"""`LivePage`: answers clicks, tabs and a lost connection with the next view; its thread."""
 
 from __future__ import annotations
 

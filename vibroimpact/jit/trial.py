@@ -1,4 +1,4 @@
-"""The trial of a way of using numba: small functions in another process.
+"""The trial of a way: small functions in another process.
 
 ``way.py`` runs it in a process of its own. The numbers are powers of two, so that the right results
 are known to the last bit.

@@ -1,4 +1,4 @@
-"""`Record` of each point: sums, sections, ring of impacts; named results, exponents.
+"""`Record` of each point: sums, sections, ring of impacts; results, as of unbounded motions.
 
 **Motions that grow without bound**: resonance without dissipation, R = 1 and h = 0. A flight at a
 great speed v lasts pi / p, so the force is in resonance if omega = 2 k p for an integer k. To the

@@ -1,4 +1,4 @@
-"""`OrbitFamily`: corrects and judges points; why one is `Inadmissible`; an `ArclengthStep`.
+"""`OrbitFamily`: ranges of its parameters; corrects points; `Inadmissible`; `ArclengthStep`.
 
 A point is a vector of unknowns (``unknowns.py``).
 """

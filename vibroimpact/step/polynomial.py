@@ -1,4 +1,4 @@
-"""A flight as a Taylor polynomial, and the search for its first root.
+"""A flight as a Taylor polynomial: bounds of its derivatives, its first root.
 
 Over one step the exact solution of eq. (1) is its Taylor series about the start of the step, here
 in the units of ``propagator.py``,
