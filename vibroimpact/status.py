@@ -74,7 +74,8 @@ _MEANING = {
 #: What else is said of a point with exact impacts.
 _OF_EXACT = {
     Status.COMPUTED: (
-        "x keeps fewer than 8 digits of the motion: the stop is far away, or omega^2 overflows"
+        "x keeps fewer than 8 digits of the motion: the stop is far away, the motion is below "
+        "1e-300, or omega^2 overflows"
     ),
     Status.NON_FINITE: "a number overflowed: the motion is too large",
 }

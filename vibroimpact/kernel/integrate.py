@@ -90,7 +90,7 @@ def integrate(
         ``exact`` looks for near grazes. If ``status`` is a failure, the numbers are NaN and the
         counts 0. With ``exact`` it is ``CERTIFIED``, or ``COMPUTED`` where the stop is so far from
         the rest position that x keeps fewer than 8 digits of the motion at the sections, or where
-        omega^2 overflows.
+        the motion is below 1e-300 or omega^2 overflows.
 
         With `lyapunov` also ``lyapunov`` : (n, 2), per unit time, the larger first. Both are -inf
         after a rest, which erases the past; the second is -inf after an impact with R = 0, because

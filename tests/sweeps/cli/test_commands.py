@@ -278,7 +278,8 @@ def test_what_became_of_the_points_is_told(monkeypatch):
     accepted("run", "sweep.yaml", "--quiet", "--overwrite")
     assert re.search(
         r"points +10 points, of which 1 COMPUTED \(x keeps fewer than 8 digits of the motion: the "
-        rf"stop is far away, or omega\^2 overflows\); 1 CUT_SHORT \({Status.CUT_SHORT.meaning}\)\n",
+        r"stop is far away, the motion is below 1e-300, or omega\^2 overflows\); "
+        rf"1 CUT_SHORT \({Status.CUT_SHORT.meaning}\)\n",
         accepted("info", "small.h5"),
     )
     monkeypatch.setattr(executors, "compute_block", compute)
