@@ -196,17 +196,6 @@ def unpainted(monkeypatch):
     monkeypatch.setattr(Figure, "savefig", lambda self, file, **_: file.write(b"painted"))
 
 
-@pytest.fixture
-def laid_out(with_layout, monkeypatch):
-    """Save figures with their layout, ticks and formulas made, but without painting them."""
-
-    def save(self, file, **_):
-        self.draw_without_rendering()
-        file.write(b"laid out")
-
-    monkeypatch.setattr(Figure, "savefig", save)
-
-
 @pytest.fixture(scope="module")
 def cluster():
     """Return a local Dask cluster."""

@@ -14,7 +14,7 @@ from vibroimpact.orbits.curves import bifurcation_curve
 from vibroimpact.orbits.family import OrbitFamily
 from vibroimpact.orbits.one_impact import one_impact_orbit, one_impact_orbits
 from vibroimpact.orbits.orbit import PeriodicOrbit
-from vibroimpact.orbits.periodic import OrbitError, periodic_orbit
+from vibroimpact.orbits.periodic import OrbitError, periodic_orbit, why_inadmissible
 from vibroimpact.oscillator import Oscillator
 
 #: Ghosh & Simpson (arXiv 2510.16218): b = 2 h = .04, r = R = .9, the stop at 1; n = 2.
@@ -209,6 +209,30 @@ def test_bad_requests_are_refused():
 def test_no_other_bifurcation_is_taken_for_one_of_the_orbit(kind, osc, first):
     with pytest.raises(OrbitError, match=f"no {kind} is found"):
         bifurcation_curve(one_impact_orbit(osc), kind, first, ("h", 0.0, 1.0))
+
+
+@pytest.mark.parametrize(
+    ("kind", "omega", "clearance", "n"),
+    [("flip", 2.6, 0.1, 1), ("graze", 1.2, 0.05, 1)],
+)
+def test_a_curve_over_the_amplitude_of_a_base_is_that_of_the_force_there(kind, omega, clearance, n):
+    """At every point of the curve the orbit of f = a omega^2 has the same bifurcation."""
+    osc = Oscillator(h=0.02, R=0.8, omega=omega, clearance=clearance, a=1.0 / omega**2)
+    start = one_impact_orbit(osc, n)
+    axis = "omega", 0.7 * omega, 1.4 * omega
+    ends = [p for p in branch(start, *axis).special if p.kind == kind]
+    found = bifurcation_curve(ends[0].orbit, kind, axis, ("a", 0.05, 1.2))
+    assert len(found.values) > 8 and np.ptp(found.values[:, 1]) > 0.02
+    for i, (at, a) in enumerate(found.values[1:-1].tolist(), 1):
+        force = replace(osc, omega=at, f=a * at * at, a=0.0)
+        here = PeriodicOrbit(force, found.m, found.phases[i], found.speeds[i])
+        assert not why_inadmissible(here)
+        if kind == "graze":
+            assert found.speeds[i].min() == 0.0
+        else:
+            c0, c1, c2 = characteristic(here)
+            zero = c0 + c2 + (c1 if kind == "fold" else -c1)
+            assert abs(zero) < 1e-9 * (abs(c0) + abs(c1) + abs(c2))
 
 
 RANGE = "omega", 1.56, 4.16

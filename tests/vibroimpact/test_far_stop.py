@@ -274,3 +274,11 @@ def test_a_force_that_barely_exceeds_a_preload_makes_a_small_motion(p, status):
     assert (height > 1e8 * 0.5 * np.spacing(-osc.clearance)) == status
     assert out["status"] == status
     assert simulate(osc, 5, x0=osc.clearance).status == status
+
+
+@pytest.mark.parametrize(("f", "right"), [(1e-298, True), (1e-306, False), (1e-307, False)])
+def test_a_motion_near_the_smallest_numbers_is_not_certified(f, right):
+    """At 1e-306 of f it has 9 digits, and at 1e-307 it had no impact."""
+    osc = Oscillator(h=0.1, R=0.5, omega=2.0, f=f)
+    out, tr = integrate(osc.at(), transient=5, periods=5), simulate(osc, 10)
+    assert out["status"] == tr.status == (Status.CERTIFIED if right else Status.COMPUTED)

@@ -19,6 +19,7 @@ from vibroimpact.step.contact import (
     TIME,
     new_scratch,
     pressing,
+    time_to_release,
 )
 from vibroimpact.step.elementary import sin_cos
 from vibroimpact.step.integrators import INTEGRATORS
@@ -211,6 +212,18 @@ def test_no_rounding_of_the_force_holds_a_released_mass(preloads, rule, integrat
             assert v == pytest.approx(-speed, rel=0.1)
         assert 0.0 <= stop - x < 2 * speed * left
     assert pressed > 20
+
+
+def test_many_preloads_released_on_a_grid_point():
+    """At a grid point equal to the release to rounding, the wait is zero or rounding."""
+    rng = np.random.default_rng(3)
+    for _ in range(1000):
+        n = int(rng.integers(8, 400))
+        k = int(rng.integers(1, max(2, n // 5)))
+        f, p = rng.uniform(0.1, 3.0), rng.uniform(0.3, 4.0)
+        theta = 2 * math.pi * k / n
+        osc = Oscillator(0.1, 0.5, 1.0, f, p, -f * math.sin(theta) / p**2)
+        assert time_to_release(theta, osc.at(osc.clearance)[0]) <= 1e-9
 
 
 @pytest.mark.slow

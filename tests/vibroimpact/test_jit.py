@@ -185,6 +185,7 @@ def test_an_unknown_numba_is_checked_once_and_named(changed, numba_99):
     assert_told_once("private", "numba 99.0.0 is used with its private parts, .* a check held")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("crashes", "told"), [(True, r"its process ended with -\d"), (False, "private compiled")]
 )

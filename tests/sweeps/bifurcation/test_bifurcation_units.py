@@ -82,6 +82,21 @@ def test_tables_are_the_same_in_all_units(tmp_path, axes, seeds):
     assert rows > 10
 
 
+def test_branches_are_the_same_in_all_units(tmp_path):
+    """With all that is drawn of them, bit for bit."""
+    rate, length = 2.0**-9, 2.0**-21
+    given = {"h": 0.03, "R": 0.7, "omega": 2.6, "f": 1.0, "p": 1.0}
+    given["clearance"] = np.linspace(*RANGES["clearance"], 12).tolist()
+    ours, scaled = (
+        sweeps.branches(run(tmp_path, given, *scales), "clearance", most=4)
+        for scales in ((), (rate, length))
+    )
+    assert ours.sizes["point"] > 100 and ours.attrs["summary"] == scaled.attrs["summary"]
+    for name in ours.variables:
+        back = in_units(name, scaled[name].values, 1.0 / rate, 1.0 / length)
+        np.testing.assert_array_equal(ours[name].values, back)
+
+
 def test_a_rig_has_the_bifurcations_of_its_model():
     """A row of the rig is that of the model with its three places converted."""
     axis, mass, given = "p", 4.06, one_axis("p", 5)

@@ -95,7 +95,8 @@ def test_json_excludes_the_configuration_alone(path):
 
 
 #: Characters that a name can have: all that are common, and one in 128 of the others.
-CHARACTERS = "".join(map(chr, [*range(0x3100), *range(0xE000, 2**20, 2**7), sys.maxunicode]))
+FURTHER = [*range(0x3100, 0xD800, 2**7), *range(0xE000, 2**20, 2**7), 0xFEFF, 0xFFFE, 0xFFFF]
+CHARACTERS = "".join(map(chr, [*range(0x3100), *FURTHER, sys.maxunicode]))
 #: A no-break space, two of other widths, DEL, CSI, NEL, separators, a mark of direction, a tag.
 #: The controls may be in a cell of a table, not in a name.
 ODD = "a\xa0b\u2007\u3000\x7f\x9b\x85\u2028\u202e\ufeff\U000e0001\\xa0 \"日😀\x1b[31m$'c"

@@ -189,7 +189,7 @@ def test_a_worker_with_other_numerics_is_refused(client, stranger):
 def test_a_worker_that_joins_with_other_numerics_is_refused(monkeypatch, client, stranger):
     pretend, address = stranger
     # So many blocks that each worker has some left, however slow it is.
-    monkeypatch.setattr("sweeps.engine.estimate.block_size", lambda *_, **__: 10)
+    monkeypatch.setattr("sweeps.engine.estimate.block_size", lambda *_, **__: 4)
     with monkeypatch.context() as patch:
         on_write(patch, 2, pretend)
         with pytest.raises(Failed) as caught:

@@ -223,7 +223,7 @@ def test_a_trajectory_beyond_its_periods_is_refused():
 
 def test_aliases_and_tags_in_the_configuration_of_a_file_are_refused(finished_file):
     """Each level of aliases would make it ten times as large."""
-    for text in (ALIASES, "name: !!python/name:os.system x\n", "- 1\n"):
+    for text in (ALIASES, "name: !!python/name:os.system x\n", "- 1\n", ""):
         shutil.copy(finished_file, "out.h5")
         changed(Path("out.h5"), attribute("configuration", text))
         resumed = ["run", "sweep.yaml", "-o", "out.h5", "--resume", "--quiet"]

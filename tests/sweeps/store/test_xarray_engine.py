@@ -187,3 +187,19 @@ def test_an_opened_file_that_was_replaced_is_not_read_as_if_it_were_the_old_one(
             said = rf"block-000000\.npz was {event} by another program, or its sweep was completed"
             with pytest.raises(StoreError, match=said):
                 dataset["poincare_x"].load()
+
+
+def test_a_sweep_that_is_replaced_while_it_is_opened_is_not_opened(monkeypatch):
+    """Its data would not have been compared with their checksums."""
+    fill_blocks("out.h5")
+    fill_blocks("other.h5", plan=schema(numerics="2"))
+    checked = complete_file.check_file
+
+    def checking(path, **options):
+        digest = checked(path, **options)
+        os.replace("other.h5", "out.h5")
+        return digest
+
+    monkeypatch.setattr(complete_file, "check_file", checking)
+    with pytest.raises(StoreError, match="was replaced by another program"):
+        open_sweep("out.h5")
