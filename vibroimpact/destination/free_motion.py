@@ -50,9 +50,12 @@ def stays_free(flow, x, v, steady):
     for k in range(_MOST_FOLLOWED):
         if excess(pt, x, v, steady) < 0.0:
             return True
+        off, rate = x - steady[0], v - steady[1]
         end = follow(flow, x - pt.clearance, v / pt.omega, 1, False)
         if end.impacts > 0 or not end.smooth:
             return False
+        if pt.h >= pt.p and never_higher(pt, off, rate):
+            return True
         x, v = end.y + pt.clearance, end.w * pt.omega
         if pt.h < pt.p and k >= _TRIED[0]:
             cells = _CELLS[0] if k < _TRIED[1] else _CELLS[1]
@@ -62,6 +65,17 @@ def stays_free(flow, x, v, steady):
             if skipped > 0.0:
                 x, v = free_state(pt, x, v, steady, skipped)
     return False
+
+
+@inlined
+def never_higher(pt, off, rate):
+    """Whether no period after the next can be higher, if the motion does not oscillate.
+
+    The deviation `off` from the free oscillation has one extremum at most. It falls until it is
+    negative for ever, or it is negative and never changes its sign.
+    """
+    fast = pt.h + math.sqrt((pt.h - pt.p) * (pt.h + pt.p))
+    return rate <= 0.0 or rate + fast * off <= 0.0
 
 
 @inlined
