@@ -182,14 +182,22 @@ def in_both(columns: np.ndarray, axis: int) -> np.ndarray:
     """Return the mask of the values of both directions, which are along an axis of the points.
 
     `columns` are the coordinates of points in a panel, shape (2, ..., k), with NaN for no value;
-    the result has the shape (..., k). Both directions have a point if they have each coordinate.
+    the result has the shape (..., k).
     """
-    sides = np.moveaxis(columns, axis + 1, 1)
-    both = np.ones(sides.shape[1:], bool)
-    for up, down in sides.reshape(2, 2, -1, sides.shape[-1]):
-        size = _extent(up, down) or 1.0
-        near = [nearest_distances(*each, size) < _SAME for each in ((up, down), (down, up))]
-        both &= np.reshape(near, both.shape)
+    from scipy.spatial import cKDTree
+
+    low, high = (extreme(columns.reshape(2, -1), axis=1) for extreme in (np.nanmin, np.nanmax))
+    size = np.where(high > low, high - low, 1.0)
+    points = np.moveaxis(np.moveaxis(columns, 0, -1) / size, axis, 0)  # (direction, ..., k, 2)
+    number = np.arange(float(np.prod(points.shape[1:-2]))).reshape(*points.shape[1:-2], 1, 1)
+    # A third coordinate keeps the values of different points apart.
+    points = np.append(points, np.broadcast_to(number, points.shape)[..., :1], axis=-1)
+    finite = np.asarray(np.isfinite(points).all(axis=-1))
+    both = np.zeros(finite.shape, bool)
+    up, down = (each[mask] for each, mask in zip(points, finite, strict=True))
+    if len(up) and len(down):
+        both[0][finite[0]] = cKDTree(down).query(up, p=np.inf)[0] < _SAME
+        both[1][finite[1]] = cKDTree(up).query(down, p=np.inf)[0] < _SAME
     return np.moveaxis(both, 0, axis)
 
 
