@@ -81,17 +81,12 @@ def new_file(called: str, ending: str, what: str, help: str, *others: str, **set
     return option("FILE", help, called, *others, callback=check, **settings)
 
 
-def scene_files(ending: str = ".yaml") -> list[Path]:
-    """Return the file of every scene; with ``.csv``, the tables that scenes have."""
+def scenes(ending: str = ".yaml") -> Mapping[str, str]:
+    """Return the text of every scene by its name; with ``.csv``, the tables that scenes have."""
     folder = Path(__file__).parents[1] / "scenes"
     if not folder.is_dir():  # in a checkout
         folder = Path(__file__).parents[2] / "configs"
-    return sorted(folder.glob(f"*{ending}"))
-
-
-def scenes(ending: str = ".yaml") -> Mapping[str, str]:
-    """Return the text of every scene, or of its table, by its name."""
-    return {path.stem: path.read_text(encoding="utf-8") for path in scene_files(ending)}
+    return {path.stem: path.read_text("utf-8") for path in sorted(folder.glob(f"*{ending}"))}
 
 
 def _completion(names: Completions | None) -> Callable[[str], list[str]] | None:

@@ -40,6 +40,16 @@ class Command(TyperCommand):
             raise
 
 
+class InitCommand(Command):
+    """The command ``init``, whose help lists the scenes."""
+
+    def format_epilog(self, ctx: Any, formatter: Any) -> None:
+        """Write the names of the scenes at the end of the help."""
+        with formatter.section("Scenes"):
+            names = textwrap.wrap(", ".join(common.scenes()), 76, break_on_hyphens=False)
+            formatter.write("".join(f"  {line}\n" for line in names))
+
+
 class Commands(TyperGroup):
     """A group of commands: help if none is given, and a refusal of a name that none has."""
 
@@ -280,21 +290,18 @@ def speed(
         )
 
 
-def _add(group: typer.Typer, *commands: Callable[..., None]) -> None:
+def _add(
+    group: typer.Typer, *commands: Callable[..., None], cls: type[TyperCommand] = Command
+) -> None:
     """Add the command ``run`` for ``run_command``, with its whole first line in the list."""
     for command in commands:
         name = command.__name__.removesuffix("_command").replace("_", "-")
-        epilog = _SCENES if command is init_command else None
-        group.command(name, cls=Command, short_help=command.__doc__, epilog=epilog)(command)
+        group.command(name, cls=cls, short_help=command.__doc__)(command)
 
 
-#: The names of the scenes, none of which is split at a hyphen.
-_SCENES = "\b\nScenes:\n" + textwrap.fill(
-    ", ".join(path.stem for path in common.scene_files()), 76, break_on_hyphens=False
-)
+_add(app, init_command, cls=InitCommand)
 _add(
     app,
-    init_command,
     cli_run.run_command,
     cli_zoom.zoom_command,
     cli_run.explore_command,

@@ -215,12 +215,19 @@ def _piece(text: str) -> tuple[str, Limits]:
 
 
 def _named_after(file: Path, axes: dict[str, Limits], overrides: Sequence[str]) -> str:
-    """Name a file after its pieces and overrides, in place of the pieces that its name has."""
-    stem = file.stem
+    """Name a file after its pieces and overrides, in place of those that its name already has."""
+    from sweeps.config.sweep import dotted_keys
+
+    stem, chosen = file.stem, {}
+    others = "|".join([*map(re.escape, dotted_keys(3)), rf"\w+-{_NUMBER}-{_NUMBER}"])
     for name in axes:
         stem = re.sub(rf"-{name}-{_NUMBER}-{_NUMBER}(?=-|$)", "", stem)
     words = [
         f"{name}-{fewest_digits(low)}-{fewest_digits(high)}" for name, (low, high) in axes.items()
     ]
-    words += ["-".join(map(str.strip, text.split("=", 1))) for text in overrides]
+    for text in overrides:
+        key, _, value = text.partition("=")
+        stem = re.sub(rf"-{re.escape(key.strip())}-.+?(?=-(?:{others})(?:-|$)|$)", "", stem)
+        chosen[key.strip()] = value.strip()
+    words += [f"{key}-{value}" for key, value in chosen.items()]
     return common.name_after(stem, words, ".h5")

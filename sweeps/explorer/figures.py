@@ -292,16 +292,16 @@ class Worker(ThreadPoolExecutor):
         self._closed[0] = self._stale[0] = 1
         super().shutdown(wait, cancel_futures=cancel_futures)
 
-    def _take_all(self, steps: Sequence[Step], stale: np.ndarray, asked: float) -> None:
+    def _take_all(self, steps: Sequence[Step], stale: np.ndarray, requested_at: float) -> None:
         """Compute the steps of a request until a newer one arrives."""
         for i, step in enumerate(steps):
             if stale[0]:
                 return
             keys = [later.key for later in steps[i:] if later.name == step.name]
             if self._done.get(step.name) not in keys:
-                self._take(step, stale, asked)
+                self._take(step, stale, requested_at)
 
-    def _take(self, step: Step, stale: np.ndarray, asked: float) -> None:
+    def _take(self, step: Step, stale: np.ndarray, requested_at: float) -> None:
         """Compute a step and post its result or its error, unless it is cancelled."""
         first = step.name not in self._done
         self.busy = step.name, first, perf_counter()
@@ -316,7 +316,7 @@ class Worker(ThreadPoolExecutor):
             self._post(partial(self._say, str(error) or type(error).__name__, stale))
         else:
             self._done[step.name] = step.key
-            self._post(partial(step.show, result, perf_counter() - asked))
+            self._post(partial(step.show, result, perf_counter() - requested_at))
         finally:
             self.busy = None
 

@@ -138,16 +138,16 @@ def _scalars(sweep: OpenedSweep) -> xr.Dataset:
 def _frame(cut: OpenedSweep, dimension: str | None) -> pd.DataFrame:
     """Return a row for each point, in the C order of the file, or for each record of a point."""
     data, dims = cut.data, [*cut.grid, *([dimension] if dimension else [])]
-    parameters = dict.fromkeys([*cut.nomenclature.parameters, *cut.columns])
-    described = [name for name in parameters if name in data.coords and name not in dims]
+    names = dict.fromkeys([*cut.nomenclature.parameters, *cut.columns])
+    parameters = [name for name in names if name in data.coords and name not in dims]
     if dimension is None:
         rows = data if dims else data.expand_dims("point")
         frame = rows.to_dataframe(dim_order=dims or ["point"]).reset_index()
         for name in FLAGS.keys() & set(frame):
             frame[name] = frame[name].map({int(flag): flag.name.lower() for flag in FLAGS[name]})
-        return frame[[*dims, *described, *data.data_vars]]
+        return frame[[*dims, *parameters, *data.data_vars]]
     results = [str(name) for name in data.data_vars if name != "status"]
-    columns = [name for name in described if data[name].dims]  # of a table
+    columns = [name for name in parameters if data[name].dims]  # of a table
     frame = data[results].to_dataframe(dim_order=dims).reset_index().dropna(subset=results)
     return frame[[*dims[:-1], *columns, dimension, *results]]
 

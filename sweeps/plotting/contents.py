@@ -136,11 +136,11 @@ def _is_part(values: xr.Variable, variable: xr.Variable) -> bool:
     """Whether values are those of a variable, or one of its record, of which some are read."""
     record = {*variable.dims} - {*values.dims}
     some = {dim: slice(None, None, 1 + size // 50) for dim, size in values.sizes.items() if record}
-    if not {*values.dims} <= {*variable.dims}:
+    if not {*values.dims} <= {*variable.dims} or values.dtype.kind != variable.dtype.kind:
         return False
     values = values.isel(some)
     same = (variable.isel(some).astype(values.dtype) == values) | values.isnull()
-    return bool(same.any([*record]).all())
+    return bool(same.all([*values.dims]).any())
 
 
 def number_at(cut: OpenedSweep, name: str) -> xr.DataArray:

@@ -140,7 +140,9 @@ def is_sweep(path: Path) -> bool:
 def check_output(path: str | Path, *, overwrite: bool = False, resume: bool = False) -> None:
     """Refuse a path where a sweep cannot be written, or may not replace what is there."""
     if overwrite and resume:
-        raise StoreError("resume and overwrite exclude each other; give one of them")
+        raise StoreError(
+            "--resume and --overwrite (resume and overwrite in Python) exclude each other"
+        )
     path = Path(path)
     check_path(path, "output")
     parts = parts_path(path)

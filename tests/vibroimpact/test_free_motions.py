@@ -67,6 +67,15 @@ def test_a_class_without_impacts_is_given_where_no_impact_follows(transient, pha
     assert (out["class_evidence"][free] == Evidence.FREE).all()
 
 
+def test_a_heavily_damped_motion_is_free_long_before_it_has_settled():
+    """It falls by exp(-p^2 t / 2 h); the bound of oscillating motions takes too long to show it."""
+    points = np.zeros(4, POINT)
+    points["h"], points["omega"], points["R"] = [50.0, 100.0, 200.0, 400.0], 300.0, 0.8
+    points["f"], points["p"], points["clearance"] = 1.0, 1.0, 1.5
+    points["x0"], points["v0"] = 1.2, 1000.0
+    assert (found_of(points, 1000, 33)[0]["class_evidence"] == Evidence.FREE).all()
+
+
 def test_motions_damped_over_a_hundred_thousand_periods():
     """Those with the class 1/0 meet the stop no more, and some others do after a long time."""
     points, transient, phase = weakly_damped(400, -6.0, -3.5, 3), 300, 1.0

@@ -94,11 +94,11 @@ def orbit_from(flow, y, w, m, size):
         if q < 0 or not length <= most:
             break
         y, w = min(y + dy * size[0], 0.0), w + dw * size[1]
+        if max(abs(y - start_y) / size[0], abs(w - start_w) / size[1]) > _NEARNESS:
+            break
         if length <= _CONVERGED:
             return Orbit(m, q, y, w, J)
         most = max(0.9 * length, _CONVERGED)
-        if max(abs(y - start_y) / size[0], abs(w - start_w) / size[1]) > _NEARNESS:
-            break
     return no_orbit()
 
 

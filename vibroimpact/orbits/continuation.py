@@ -157,11 +157,6 @@ def margin(family: OrbitFamily, point: Point, reason: Inadmissible) -> float:
     return -point.maximum if reason.kind == "penetration" and is_local else math.nan
 
 
-def is_orbit(family: OrbitFamily, point: Point) -> bool:
-    """Whether a point is an orbit, or fails to be one only by rounding."""
-    return point.inadmissible is None or margin(family, point, point.inadmissible) > -ROUNDING
-
-
 def to_last_orbit(step: ArclengthStep, reason: Inadmissible) -> ArclengthStep:
     """Return the part of a step up to its last point that is an orbit."""
     family = step.family
@@ -213,8 +208,11 @@ def _edge(
     free(guess, family.q)[axis] = reason.where / family.spans[axis]
     free(plane, family.q)[0, axis] = 1.0
     edge = family.corrected(guess, plane)
-    found = edge is not None and is_orbit(family, family.point(edge, step.begin.tangent))
-    return edge if found else None
+    if edge is None:
+        return None
+    point = family.point(edge, step.begin.tangent)
+    none = point.inadmissible and margin(family, point, point.inadmissible) <= -ROUNDING
+    return None if none else edge
 
 
 def ending(step: ArclengthStep) -> End:
@@ -259,7 +257,7 @@ def _exit(family: OrbitFamily, point: Point) -> np.ndarray | None:
 
 
 def cannot_leave(family: OrbitFamily, X: np.ndarray) -> bool:
-    """Whether an impact is left without acceleration, so that the next one meets it."""
+    """Whether a short flight begins without acceleration, so that its two impacts meet."""
     pt, short = calls.parameters(family.system, X), family.flights(X) < NEARBY_DISTANCE
     pushed = -pt.f * np.sin(phases(X, family.q)) - pt.p * pt.p * pt.clearance
     return bool((short & (np.abs(pushed) < GRAZES)).any())

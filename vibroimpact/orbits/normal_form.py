@@ -78,6 +78,8 @@ def _null_vectors(J: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     inverse (Golub & Van Loan, ch. 8) takes far less time than singular values of large matrices.
     """
     J = J + _MOVED * np.abs(J).max(axis=(1, 2), keepdims=True) * np.eye(J.shape[1])
+    singular = np.linalg.det(J) == 0.0
+    J[singular] = np.eye(J.shape[1])
     inverse = np.linalg.inv(J)
     w = np.broadcast_to(np.cos(np.arange(J.shape[1])), J.shape[:2])
     for _ in range(2):
@@ -85,7 +87,7 @@ def _null_vectors(J: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         u = _unit((w[:, None] @ inverse)[:, 0])
         w = _unit((inverse @ u[:, :, None])[:, :, 0])
     off = 1.0 - np.abs(np.sum(w * before, axis=1))
-    return u, w, ~(off < _SINGULAR_SHARE**2)
+    return u, w, singular | ~(off < _SINGULAR_SHARE**2)
 
 
 def _unit(vectors: np.ndarray) -> np.ndarray:

@@ -152,7 +152,7 @@ def _standstill(family: OrbitFamily, points: Sequence[np.ndarray]) -> End | None
 
 
 def _meeting_impacts(family: OrbitFamily, points: Sequence[np.ndarray]) -> End | None:
-    """Return the ``rest``, or ``edge``, in which impacts meet without speed, as above."""
+    """Return the ``rest``, or ``edge``, in which a flight shrinks to nothing, as above."""
     short = family.flights(points[-1]) < _SHORT
     X, error = _limit(points, lambda X: family.flights(X).max(initial=0.0, where=short), _SHORT)
     if not (short.any() and error < _KNOWN):

@@ -199,9 +199,13 @@ def repetitions(
 def labels_of(
     regimes: np.ndarray, period: np.ndarray, impacts: np.ndarray, R: np.ndarray
 ) -> list[Label | None]:
-    """Return the class of each motion, given arrays of shape (n,); None if it is not known."""
+    """Return the class of each motion, given arrays of shape (n,); None if it is not known.
+
+    Motions with rest have q only if R is 0 at all points.
+    """
     m, q = repetitions(regimes, period, impacts)
-    q = np.where((regimes == Regime.REST) & (R == 0.0), impacts, q)
+    if not R.any():
+        q = np.where(regimes == Regime.REST, impacts, q)
     return [
         Label(Regime(regime), *mq) if regime in _CLASSIFIED else None
         for regime, *mq in zip(regimes.tolist(), m.tolist(), q.tolist(), strict=True)

@@ -25,7 +25,7 @@ CONFIG = SMALL
 
 
 def test_resume_and_overwrite_exclude_each_other(small_file):
-    both, told = ("--resume", "--overwrite"), "resume and overwrite exclude each other"
+    both, told = ("--resume", "--overwrite"), "--resume and --overwrite "
     assert told in refused("run", "sweep.yaml", *both)
     assert told in refused("zoom", "small.h5", "omega=2:3", *both)
     with pytest.raises(Refused, match=told):

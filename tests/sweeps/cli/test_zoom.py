@@ -96,7 +96,7 @@ def test_a_zoom_takes_overrides_as_a_run_does(small_file, unpainted):
     other = ("--set", "record.transient=70", "--set", "oscillator.clearance=[0.1, 0.2]")
     planned = accepted("zoom", named, "omega=2:2.2", *other, "--dry-run")
     name = (
-        "small-record.transient-60-oscillator.omega.num-3-omega-2-2.2-record.transient-70-"
+        "small-oscillator.omega.num-3-omega-2-2.2-record.transient-70-"
         "oscillator.clearance-_0.1_0.2.h5"
     )
     assert planned.splitlines()[-1] == f"output            {name}"
@@ -115,6 +115,17 @@ def test_every_zoom_has_a_name_of_its_own(small_file):
 
     phases = {named("small.h5", f"{group}.phase=1") for group in ("start", "record")}
     assert phases == {f"small-omega-2-2.5-{group}.phase-1.h5" for group in ("start", "record")}
+    twice = "record.transient=60", "record.transient=70"
+    assert named("small.h5", *twice) == "small-omega-2-2.5-record.transient-70.h5"
+    Path("small.h5").rename(before := named("small.h5", "start.x0=-2e-3", "start.v0=1"))
+    assert before == "small-omega-2-2.5-start.x0--2e-3-start.v0-1.h5"
+    again = "small-start.v0-1-omega-2-2.5-start.x0--3.h5"
+    assert named(before, "start.x0=-3") == again
+    others = "R-0.5-0.6-name-a-b"
+    Path(before).rename(before := f"small-omega-2-2.5-method.impact-reduced-step-{others}.h5")
+    again = f"small-{others}-omega-2-2.5-method.impact-plain.h5"
+    assert named(before, "method.impact=plain") == again
+    Path(before).rename("small.h5")
     many = ", ".join(f"0.{i}" for i in range(11, 99))
     long = [named("small.h5", f"oscillator.R=[{many}, {last}]") for last in (0, 1)]
     assert len(set(long)) == 2 and max(map(len, long)) < 60

@@ -12,6 +12,7 @@ from sweeps.errors import Refused
 from sweeps.opened.opened_sweep import OpenedSweep
 from sweeps.plotting import attractor_diagram, bifurcation, diagram, impacts, section, trajectory
 from sweeps.plotting.maps import parameter_map
+from sweeps.plotting.marks import in_both
 from sweeps.plotting.style import BOTH_COLOUR, DIRECTION_LOOKS
 from tests.helpers.commands import call
 from tests.helpers.equal_points import legend_texts
@@ -205,3 +206,10 @@ def test_the_command_line(path, unpainted):
     assert wrong.exit_code == 2
     assert "there is no direction dwn (did you mean down?); choose from: up, down" in wrong.stderr
     assert "direction is not a swept axis" in drawn("--axis", "direction").stderr
+
+
+def test_two_curves_that_cross_are_of_both_directions_only_where_they_meet():
+    """Though each coordinate of a point of one is near that of a point of the other."""
+    x = np.linspace(-1.0, 1.0, 500)
+    both = in_both(np.array([[x, x], [np.sin(3.0 * x), -np.sin(3.0 * x)]]), 0)
+    assert 0 < np.count_nonzero(both) < 20
