@@ -57,7 +57,7 @@ SUMS = np.dtype(
 EXTREMES = "x_min", "x_max"
 #: Significant digits that the motion of a certified point keeps at the sections: half of all.
 _FEWEST_DIGITS = 8
-#: Least size of a motion of which no step becomes subnormal.
+#: Least size of a forced motion of which no step becomes subnormal.
 _SMALLEST = 1e-300
 #: The share of time at rest of a mass that is always held may be less than 1 by so much: each of up
 #: to 1e6 steps, and the length of the record, is rounded.
@@ -290,7 +290,8 @@ def loses_digits(points: np.ndarray, x: np.ndarray, rest_fraction: np.ndarray) -
     h, omega, f, p, stop = (points[name] for name in ("h", "omega", "f", "p", "clearance"))
     with np.errstate(all="ignore"):  # extreme values, whose size is then 0, inf or NaN
         # The least size that keeps digits.
-        least = np.maximum(0.5 * np.spacing(np.abs(stop)) * 10.0**_FEWEST_DIGITS, _SMALLEST)
+        least = 0.5 * np.spacing(np.abs(stop)) * 10.0**_FEWEST_DIGITS
+        least = np.maximum(least, np.where(f > 0.0, _SMALLEST, 0.0))  # a free decay ends at rest
         lift = np.minimum(np.abs(f + p * p * np.minimum(stop, 0.0)), f)
         share = np.minimum(4.5 * lift / np.maximum(f, SMALLEST_NORMAL), 1.0)
         square = omega * omega

@@ -211,8 +211,8 @@ def _edge(
     if edge is None:
         return None
     point = family.point(edge, step.begin.tangent)
-    none = point.inadmissible and margin(family, point, point.inadmissible) <= -ROUNDING
-    return None if none else edge
+    why = point.inadmissible
+    return edge if why is None or margin(family, point, why) > -ROUNDING else None
 
 
 def ending(step: ArclengthStep) -> End:

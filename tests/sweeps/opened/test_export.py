@@ -178,7 +178,7 @@ def test_what_is_no_table_of_points_is_replaced(first):
 def test_a_record_that_the_file_lacks_is_refused():
     path = run_sweep(load_config("sweep.yaml", ["record.impacts=0"]), "out.h5")
     assert "record.impacts" in refused("export", path, "-o", "a.csv", "--rows", "impacts")
-    expected = "--rows knocks is not allowed; expected: points, sections or impacts"
+    expected = "--rows = 'knocks' is not allowed; expected: one of points, sections, impacts"
     assert expected in refused("export", path, "-o", "a.csv", "--rows", "knocks")
     assert not Path("a.csv").exists()
 
