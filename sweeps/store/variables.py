@@ -124,11 +124,11 @@ def attributes_of(
         meaning, unit, symbol = entry.meaning, entry.unit, entry.symbol
     else:
         meaning, unit, symbol = _MEANINGS.get(name, name), column_units.get(name, "1"), ""
-    described: dict[str, Any] = description_in(attributes, meaning, unit) | {"symbol": symbol}
+    attrs: dict[str, Any] = description_in(attributes, meaning, unit) | {"symbol": symbol}
     if name in FLAGS:
-        described["flag_values"] = np.array(list(FLAGS[name]), VARIABLES[name].dtype)
-        described["flag_meanings"] = " ".join(word.name.lower() for word in FLAGS[name])
-    return described
+        attrs["flag_values"] = np.array(list(FLAGS[name]), VARIABLES[name].dtype)
+        attrs["flag_meanings"] = " ".join(word.name.lower() for word in FLAGS[name])
+    return attrs
 
 
 def record_widths(spec: RunSpec, at_impacts: float = 0) -> dict[str, int]:

@@ -383,20 +383,3 @@ def test_the_graze_of_a_branch_has_its_impact_of_speed_zero_though_others_are_as
         flight = ClosedForm(there, theta / there.omega, there.clearance, -there.R * v)
         x, u = flight(orbit.phases[k] / there.omega)
         assert x == pytest.approx(there.clearance, abs=1e-9) and u == pytest.approx(0.0, abs=1e-9)
-
-
-@pytest.mark.parametrize(
-    ("osc", "m"),
-    [
-        (Oscillator(h=0.0582, R=0.4135, omega=2.1931, f=1.0, clearance=-0.4096), 1),
-        (Oscillator(h=0.00149, R=0.7685, omega=1.8621, f=1.0, clearance=-0.3599), 3),
-    ],
-)
-def test_a_wide_range_hides_no_flip_or_fold(osc, m):
-    """In natural units, which are those of the greatest force, the speeds are tiny there."""
-    start = settled_orbit(osc, m, x0=osc.clearance)
-    narrow, wide = (
-        {(p.kind, float(f"{p.value:.9g}")) for p in branch(start, "f", 0.5, high).special}
-        for high in (2.0, 2e7)
-    )
-    assert {"flip", "fold"} < {kind for kind, _ in narrow} and narrow == wide

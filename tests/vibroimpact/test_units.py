@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from tests.helpers.kernel_cases import random_points
-from tests.helpers.oscillators import random_oscillators
+from tests.helpers.oscillators import random_oscillators, settled_orbit
 from tests.helpers.other_units import in_units
 from tests.vibroimpact.test_far_stop import balls
 from tests.vibroimpact.test_free_motions import weakly_damped
@@ -211,3 +211,20 @@ def test_units_change_no_bit_of_branches_and_curves(count, seed):
             assert_same(branch_numbers(own, curve), branch_numbers(units, scaled), message)
             seen[kind] += 1
     assert min(seen.values()) > 0 and sum(seen.values()) > count // 4, seen
+
+
+@pytest.mark.parametrize(
+    ("osc", "m"),
+    [
+        (Oscillator(h=0.0582, R=0.4135, omega=2.1931, f=1.0, clearance=-0.4096), 1),
+        (Oscillator(h=0.00149, R=0.7685, omega=1.8621, f=1.0, clearance=-0.3599), 3),
+    ],
+)
+def test_a_wide_range_hides_no_flip_or_fold(osc, m):
+    """In natural units, which are those of the greatest force, the speeds are tiny there."""
+    start = settled_orbit(osc, m, x0=osc.clearance)
+    narrow, wide = (
+        {(p.kind, float(f"{p.value:.9g}")) for p in branch(start, "f", 0.5, high).special}
+        for high in (2.0, 2e7)
+    )
+    assert {"flip", "fold"} < {kind for kind, _ in narrow} and narrow == wide
