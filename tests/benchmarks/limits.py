@@ -31,11 +31,11 @@ LIMITS = {
     **{f"reduced-step, {integrator}": (5.8, 8.3) for integrator in _STEPPING},
     "reduced-step, exact": (8.8, 10.8),
     "cubic, euler": (18.1, 23.2),
-    "cubic, semi-implicit-euler": (13.4, 17.6),
-    "cubic, verlet": (9.88, 13.6),
-    "cubic, newmark": (9.5, 13.5),
-    "cubic, rk4": (11.1, 15.4),
-    "cubic, exact": (12.8, 16.4),
+    "cubic, semi-implicit-euler": (17.0, 22.0),
+    "cubic, verlet": (14.0, 17.5),
+    "cubic, newmark": (13.5, 17.5),
+    "cubic, rk4": (15.0, 19.5),
+    "cubic, exact": (16.0, 20.5),
     "exact, exact": (4.5, 5.7),
     # A period with exact impacts against one with the rule plain, both computed. Where steps with
     # several impacts left the vectors, it was 1.9 and 1.4 in chaos, and 7 in rattling.
@@ -46,19 +46,20 @@ LIMITS = {
     "exact / plain, chatter": (2.0, 2.0),
     "exact / plain, rests": (1.5, 1.3),
     "exact / plain, fast forcing": (1.0, 0.7),
-    "chatter": (36.0, 38.0),
+    # Measured 5.6 to 7.8; 11 without vectors.
+    "chatter": (10.0, 10.0),
     "Lyapunov exponents on / off": (2.1, 2.2),
-    # Measured 1.29 to 1.31, and 1.20 to 1.21: long cycles with rest are compared with others. In
+    # Measured 1.27 to 1.38, and 1.19 to 1.30: long cycles with rest are compared with others. In
     # the chaos of the map the sweep itself is fast.
-    "classes of a map on / off": (1.5, 1.5),
-    "classes of a diagram on / off": (1.35, 1.35),
+    "classes of a map on / off": (1.7, 1.7),
+    "classes of a diagram on / off": (1.5, 1.5),
     "the busier thread's share of both threads' time": (0.9, 0.9),
-    # A short sweep: starting, laying out and writing take longer than the kernel. Measured 5.2 to
-    # 5.5 with vectors of 512 bits, with which the kernel takes least.
-    "run, from YAML to the closed file / kernel alone": (6.6, 6.6),
+    # A short sweep: starting, laying out and writing take longer than the kernel. Measured 4.9 to
+    # 6.4 with vectors of 512 bits, with which the kernel takes least.
+    "run, from YAML to the closed file / kernel alone": (8.5, 8.5),
     # Yardstick steps per number.
-    # Every block is on the disk as a file of its own before it is written to the HDF5 file.
-    "store, written": (2.6, 2.6),
+    # Every block is a file of its own before it is written to the HDF5 file. Measured 1.7 to 2.6.
+    "store, written": (3.5, 3.5),
     "store, read": (1.6, 1.6),
     # Measured 7 to 8, where the bare interpreter starts in 10 ms.
     "--help / the bare interpreter": (11.0, 11.0),
