@@ -130,37 +130,22 @@ def kind_of(sums):
 
 
 @inlined
-def put(destination, orbit, pt, multiplier, off, proof):
+def put(destination, proof, m, q, x, v, multiplier, off):
     """Write a destination."""
-    destination.m, destination.q, destination.evidence = orbit.m, orbit.q, proof
-    destination.x, destination.v = from_dimensionless(orbit.y, orbit.w, pt.clearance, pt.omega)
-    destination.multiplier, destination.distance = multiplier, off
+    destination.m, destination.q, destination.x, destination.v = m, q, x, v
+    destination.multiplier, destination.distance, destination.evidence = multiplier, off, proof
 
 
 @jit
-def put_repetition(destination, sections, m, off, multiplier, q):
+def put_repetition(destination, proof, sections, m, off, multiplier, q):
     """Write that a record repeats after m periods."""
-    last = sections.shape[0] - 1
-    destination.m, destination.q, destination.evidence = m, q, _REPEATS
-    destination.x, destination.v = sections[last, 0], sections[last, 1]
-    destination.multiplier, destination.distance = multiplier, off
-
-
-@jit
-def put_free(destination, pt, x, v, steady, size):
-    """Write that a motion goes from a section to the free oscillation."""
-    off = max(abs(x - steady[0]) / size[0], abs(v - steady[1]) / size[1])
-    destination.m, destination.q, destination.x, destination.v = 1, 0, steady[0], steady[1]
-    destination.multiplier, destination.distance = free_multiplier(pt), off
-    destination.evidence = _FREE
+    x, v = sections[sections.shape[0] - 1, 0], sections[sections.shape[0] - 1, 1]
+    put(destination, proof, m, q, x, v, multiplier, off)
 
 
 @jit
 def judge(flow, y, w, m, size, destination):
-    """Judge the orbit of m periods near a motion; return whether the motion goes there.
-
-    To the free oscillation goes only a motion of which that is proved.
-    """
+    """Judge the orbit of m periods near a motion; return whether the motion goes there."""
     orbit = nearby_orbit(flow, y, w, m, size)
     if orbit.m == 0:
         return False
@@ -171,8 +156,9 @@ def judge(flow, y, w, m, size, destination):
             return False
     proof = evidence(flow, orbit, y, w, size) if orbit.q > 0 else _UNREACHED
     if proof > destination.evidence:
-        off = distance(y, w, orbit, size)
-        put(destination, orbit, flow.pt, greatest_multiplier(orbit.J)[0], off, proof)
+        off, pt = distance(y, w, orbit, size), flow.pt
+        x, v = from_dimensionless(orbit.y, orbit.w, pt.clearance, pt.omega)
+        put(destination, proof, orbit.m, orbit.q, x, v, greatest_multiplier(orbit.J)[0], off)
     return proof > _UNREACHED
 
 
@@ -191,10 +177,7 @@ def nearer_section(flow, orbit, y, w, size):
 
 @jit
 def judge_cycle(motion, destination):
-    """Judge a motion that came back to the same bits by its record alone; return whether that does.
-
-    Its multiplier is NaN: it is not computed, not even 0 after a rest or 1 without dissipation.
-    """
+    """Judge a motion that came back to the same bits by its record alone; return if that does."""
     pt, sections, sums = motion.pt, motion.sections, motion.sums
     m = repetition_of_cycle(sections, sums.cycle, pt)
     rests = kind_of(sums) == _RESTS
@@ -204,7 +187,8 @@ def judge_cycle(motion, destination):
     if rests and not rests_alike_exactly(motion, m):
         destination.evidence = _UNSTABLE
         return True
-    put_repetition(destination, sections, m, 0.0, math.nan, sums.cycle_impacts * m // sums.cycle)
+    q = sums.cycle_impacts * m // sums.cycle
+    put_repetition(destination, _REPEATS, sections, m, 0.0, math.nan, q)
     return True
 
 
@@ -242,10 +226,7 @@ def is_neutral(pt, kind):
 
 @jit
 def judge_exact_repetition(flow, motion, m, off, size, destination):
-    """Judge a motion that repeats exactly after m periods: it is neutral, rests, or came back.
-
-    It came back to the same bits if it is `off` by nothing.
-    """
+    """Judge a motion that repeats exactly after m periods: it is neutral, rests, or came back."""
     pt, sections, sums = motion.pt, motion.sections, motion.sums
     kind = kind_of(sums)
     neutral = is_neutral(pt, kind)
@@ -266,13 +247,12 @@ def judge_exact_repetition(flow, motion, m, off, size, destination):
     if released and judge(flow, y, w, m, size, destination):
         return
     if off == 0.0:
-        q = sums.cycle_impacts * m // sums.cycle
-        put_repetition(destination, sections, m, off, math.nan, q)
-        if released:
-            destination.evidence = _RELEASED
+        q, proof = sums.cycle_impacts * m // sums.cycle, _RELEASED if released else _REPEATS
+        put_repetition(destination, proof, sections, m, off, math.nan, q)
     elif neutral or not smooth:
         q = replay(flow, y, w, m, True)[2]
-        put_repetition(destination, sections, m, off, 1.0 if neutral else 0.0, q)
+        multiplier = 1.0 if neutral else 0.0
+        put_repetition(destination, _REPEATS, sections, m, off, multiplier, q)
 
 
 @jit
@@ -283,7 +263,7 @@ def judge_repetition(flow, sections, m, size, destination):
     greatest, _ = greatest_multiplier(J)
     off = max(abs(dy), abs(dw))
     if q > 0 and greatest < _CLEARLY_STABLE and off <= TOLERANCE:
-        put_repetition(destination, sections, m, off, greatest, q)
+        put_repetition(destination, _REPEATS, sections, m, off, greatest, q)
     else:
         judge(flow, y, w, m, size, destination)
 
@@ -303,7 +283,8 @@ def find_exact(motion, destination):
     size = size_of(sections, pt, False)
     flow = flow_of(pt, grid, memory.scratch, memory.passed)
     if bounded and stays_free(flow, x, v, steady):
-        put_free(destination, pt, x, v, steady, size)
+        off = max(abs(x - steady[0]) / size[0], abs(v - steady[1]) / size[1])
+        put(destination, _FREE, 1, 0, steady[0], steady[1], free_multiplier(pt), off)
         return
     near_repetitions(sections, size, memory.tried)
     cycle = sums.cycle if sums.cycle > 0 else last_return(sections)
@@ -345,6 +326,5 @@ def find_repetition(motion, destination):
         if not rests_alike(motion, m, False):
             destination.evidence = _UNSTABLE
             return
-    put_repetition(destination, sections, m, off, math.nan, q)
-    if released:
-        destination.evidence = _RELEASED
+    proof = _RELEASED if released else _REPEATS
+    put_repetition(destination, proof, sections, m, off, math.nan, q)

@@ -81,13 +81,10 @@ def name_of(sources: Mapping[str, bytes], *others: str) -> str:
 
 
 def numerics_of(package: Path) -> str:
-    """Return the digest of all code of a package, and of numba's version.
-
-    The result is stored under a digest of the plain bytes, since parsing the sources takes a fifth
-    of a short run.
-    """
+    """Return the digest of all code of a package, and of numba's version."""
     paths = sorted(package.rglob("*.py"))
     sources = {path.relative_to(package).as_posix(): path.read_bytes() for path in paths}
+    # To parse the sources takes a fifth of a short run, so it is done once for the same bytes.
     digest = hashlib.sha256(repr((numba.__version__, sources)).encode()).hexdigest()
     kept = root() / "numerics" / digest[:24]
     if (known := read(kept)) is not None:
@@ -180,10 +177,7 @@ def read(path: Path) -> bytes | None:
 
 
 def write(path: Path, data: bytes, most: int | None = None) -> None:
-    """Write a file whole or not at all, safe beside other processes; OSError if that fails.
-
-    If the folder then has more than `most` files, the oldest go.
-    """
+    """Write a file whole or not at all, or an OSError; beyond `most` files the oldest go."""
     make_folder(path.parent)
     with _opened(path.parent) as (folder, at):
         draft = folder / os.urandom(8).hex()

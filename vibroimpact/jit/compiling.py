@@ -59,10 +59,7 @@ def jit(function: Callable) -> Any:
 
 
 def inlined(function: Callable) -> Any:
-    """Compile a function once for each type of its arguments, and let LLVM merge it into callers.
-
-    So no call ends the vectorisation of a loop.
-    """
+    """Compile a function once for each type of arguments; LLVM merges it into its callers."""
     return _compiled(function, forceinline=True)
 
 
@@ -76,13 +73,9 @@ def specialised(function: Callable) -> Any:
 
 
 def _compiled(function: Callable, **inlining: Any) -> Any:
-    """Compile a function in the way of this process.
-
-    NumPy's error model is set because with Python's every division may raise, and no loop is
-    vectorised.
-    """
+    """Compile a function in the way of this process."""
     options: dict[str, Any] = {
-        "error_model": "numpy",
+        "error_model": "numpy",  # with Python's a division may raise, and no loop is vectorised
         "nogil": True,  # so that several threads compute, and the main thread receives signals
         **inlining,
     }

@@ -109,7 +109,7 @@ def _guess_in(c, j):
 
 
 @inlined
-def _free_end_in(c, j):
+def free_end_in(c, j):
     """Return the ``FreeEnd`` of column `j`."""
     return FreeEnd(c[Y_T + j], c[W_T + j], c[BOUND + j])
 
@@ -138,11 +138,7 @@ def _put_series(c, j, terms):
 
 @jit
 def follow_flights(c, vectors, waves, phase_step, launched):
-    """Follow the flights of `vectors` vectors as ``meet_stop`` does, stage by stage.
-
-    `waves` holds sine and cosine of the phase at the start of the step, and at its end; `launched`
-    says whether the flights begin with rebounds, or with the step.
-    """
+    """Follow flights as ``meet_stop`` does, stage by stage; `launched` ones begin with rebounds."""
     widest_vectors()
     count = VECTOR * vectors  # shows LLVM that no column is left over
     wave, end_wave = waves
@@ -156,14 +152,14 @@ def follow_flights(c, vectors, waves, phase_step, launched):
             f, flight = _FACTORS + j, flight_in(c, j)
             factors = c[f], c[f + COLUMN_ROW], c[f + 2 * COLUMN_ROW]
             c[BOUND + j] = remainder_bound(factors, flight.y, flight.w)
-            c[_LATE + j], c[_T + j], c[_NONE + j] = guess(flight, _free_end_in(c, j), phase_step)
+            c[_LATE + j], c[_T + j], c[_NONE + j] = guess(flight, free_end_in(c, j), phase_step)
     for j in range(count):
         eq = coefficients_in(c, COLUMN_COEFFICIENTS + j, COLUMN_ROW)
-        free = _free_end_in(c, j)
+        free = free_end_in(c, j)
         _put_series(c, j, expand_near(eq, flight_in(c, j), free, end_wave, c[_LATE + j]))
     if launched:
         for j in range(count):
-            k, free = _series_in(c, j), _free_end_in(c, j)
+            k, free = _series_in(c, j), free_end_in(c, j)
             c[Y_T + j], c[W_T + j], _ = own_end(k, flight_in(c, j), free, c[_LATE + j], phase_step)
     for j in range(count):
         c[_T + j] = approach(_series_in(c, j), _guess_in(c, j), phase_step)
@@ -173,14 +169,14 @@ def follow_flights(c, vectors, waves, phase_step, launched):
     for j in range(count):
         v = _VALUES + j
         c[_LENGTH + j], c[_R + j], c[W_I + j], c[PROVED + j] = end_flight(
-            flight_in(c, j), _free_end_in(c, j), _guess_in(c, j), _series_in(c, j),
+            flight_in(c, j), free_end_in(c, j), _guess_in(c, j), _series_in(c, j),
             (c[v], c[v + COLUMN_ROW], c[v + 2 * COLUMN_ROW]), phase_step,
         )  # fmt: skip
     for j in range(count):
         eq = coefficients_in(c, COLUMN_COEFFICIENTS + j, COLUMN_ROW)
         c[AT + j] = c[BEGIN + j] + c[_LENGTH + j]
         c[Y_1 + j], c[W_1 + j], c[PROVED + j] = rebound(
-            eq, _free_end_in(c, j), c[_R + j], c[W_I + j], c[PROVED + j], phase_step
+            eq, free_end_in(c, j), c[_R + j], c[W_I + j], c[PROVED + j], phase_step
         )
 
 
@@ -229,7 +225,7 @@ def find_turns(c, vectors, phase_step):
         c[_LATE + j], c[_T + j] = late, n * phase_step - late * phase_step
     for j in range(count):
         eq = coefficients_in(c, COLUMN_COEFFICIENTS + j, COLUMN_ROW)
-        flight, free, end_wave = flight_in(c, j), _free_end_in(c, j), (c[S_T + j], c[C_T + j])
+        flight, free, end_wave = flight_in(c, j), free_end_in(c, j), (c[S_T + j], c[C_T + j])
         _put_series(c, j, expand_near(eq, flight, free, end_wave, c[_LATE + j]))
     for j in range(count):
         c[_T + j], c[_VALUES + j] = approach_turn(_series_in(c, j), c[_T + j], phase_step)

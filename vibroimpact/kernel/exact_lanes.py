@@ -130,12 +130,10 @@ def force_lanes(lanes, added, s, c):
 
 @jit
 def place_of_added(workspace, grid, n):
-    """Return the index in ``Workspace.added`` of what step `n` of `grid` adds to each lane.
-
-    If the grid has too many steps to keep, the values are computed now, at index 0.
-    """
+    """Return the index in ``Workspace.added`` of what step `n` of `grid` adds to each lane."""
     if grid.size <= KEPT:
         return n
+    # Too many steps to keep: the values are computed now.
     force_lanes(workspace.lanes, workspace.added[0], grid.table[SIN, n], grid.table[COS, n])
     return 0
 
@@ -157,12 +155,7 @@ def _propagate(lanes, size, added, phase_step, n, watching):
 
 @jit
 def propagate_lanes(lanes, size, added, phase_step, n, watching):
-    """Take the first lanes over step `n`; a GUARD below 0 proves that there was no impact.
-
-    A lane at rest has y = w = 0, so its GUARD is not negative, and it is listed at every step. If
-    `watching`, that of a lane that may have met the stop is ``_MEETS``; that of any other is not
-    negative if it is watched and its step may go beyond its extremes.
-    """
+    """Take the first lanes over step `n`; a GUARD below 0 proves that there was no impact."""
     widest_vectors()
     if watching is not None and watching:
         _propagate(lanes, size, added, phase_step, n, True)
@@ -172,11 +165,7 @@ def propagate_lanes(lanes, size, added, phase_step, n, watching):
 
 @jit
 def end_flights(batch, lo, count, grid, n, carrying, last, watching):
-    """List the impacts that end the flights of these columns, and end or go on with their steps.
-
-    Return the number of flights that begin now, with rebounds, in the first columns; their lanes
-    are listed from index `lo` on. If these are the `last` columns, they go alone.
-    """
+    """End the flights of these columns; return how many begin with rebounds, in the first ones."""
     workspace, record, _ = batch
     lanes, c, met = workspace.lanes, workspace.columns, workspace.met
     table, new_row = grid.table, (~n & 1) * ROW
@@ -269,10 +258,7 @@ def take_flights(batch, lo, count, grid, n, carrying, watching):
 
 @jit
 def list_awake(workspace, size, grid, n, watching):
-    """List the lanes that may have met the stop.
-
-    Those that rest until after the step stay there; others may widen their extremes.
-    """
+    """List lanes that may have met the stop; others stay at rest, or may widen their extremes."""
     lanes, met, new_row = workspace.lanes, workspace.met, (~n & 1) * ROW
     awake, theta = 0, grid.table[THETA, n] + grid.phase_step
     for j in range(list_lanes(lanes, GUARD, met, size)):

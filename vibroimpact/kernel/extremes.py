@@ -32,6 +32,7 @@ from vibroimpact.kernel.exact_impacts import (
     coefficients_in,
     find_turns,
     flight_in,
+    free_end_in,
 )
 from vibroimpact.kernel.workspace import (
     BOUND_BY_X,
@@ -54,7 +55,7 @@ from vibroimpact.kernel.workspace import (
     list_lanes,
     whole_vectors,
 )
-from vibroimpact.step.impact import FreeEnd, Impact
+from vibroimpact.step.impact import Impact
 from vibroimpact.step.propagator import (
     Steady,
     bound_factors,
@@ -134,7 +135,7 @@ def widen_by_column(workspace, i, j, grid, n):
     """Widen the extremes of lane `i` by the flight in column `j`."""
     lanes, c, table = workspace.lanes, workspace.columns, grid.table
     waves = (table[SIN, n], table[COS, n]), (table[SIN, n + 1], table[COS, n + 1])
-    free = FreeEnd(c[Y_T + j], c[W_T + j], c[BOUND + j])
+    free = free_end_in(c, j)
     impact = Impact(c[Y_1 + j], c[W_1 + j], c[AT + j], c[W_I + j], c[PROVED + j], free)
     lanes[LEAST + i], lanes[MOST + i] = widen_by_impact(
         coefficients_in(c, COLUMN_COEFFICIENTS + j, COLUMN_ROW), flight_in(c, j), impact, waves,
@@ -182,7 +183,7 @@ def widen_by_turns(workspace, phase_step):
         if math.isnan(y):
             extremes = widen_by_flight(
                 coefficients_in(c, COLUMN_COEFFICIENTS + j, COLUMN_ROW), flight_in(c, j),
-                FreeEnd(y_T, c[W_T + j], c[BOUND + j]), (c[S_T + j], c[C_T + j]),
+                free_end_in(c, j), (c[S_T + j], c[C_T + j]),
                 (y_T, c[W_T + j], phase_step), phase_step, workspace.scratch.coefficients, extremes,
             )  # fmt: skip
         else:

@@ -10,6 +10,8 @@ whole cycles of its transient. Of its record, one cycle is computed, and whole c
 from __future__ import annotations
 
 import math
+from functools import cache
+from typing import Any
 
 from vibroimpact.jit import claim, is_set, jit, select, specialised, widest_vectors
 from vibroimpact.kernel.exact_lanes import round_states, set_propagator, take_exact_steps
@@ -102,18 +104,20 @@ def fill_exact_lane(workspace, job, i):
 
 
 @jit
-def fill_watched_lane(workspace, job, i):
-    """Fill lane `i` for the rule ``exact`` with extremes."""
-    filled = fill_exact_lane(workspace, job, i)
-    if filled:
-        set_steady(workspace.lanes, i, workspace.points[i], job.scheme.grid)
-    return filled
-
-
-@jit
 def fill_stepped_lane(workspace, job, i):
     """Fill lane `i` for a rule of time stepping."""
     return fill_lane(workspace, job, i, False)
+
+
+@specialised
+def fill_next_lane(workspace, job, i, exactly, turning):
+    """Fill lane `i`, with what turning points need if `turning` is not None."""
+    if not exactly:
+        return fill_stepped_lane(workspace, job, i)
+    filled = fill_exact_lane(workspace, job, i)
+    if turning is not None and filled:
+        set_steady(workspace.lanes, i, workspace.points[i], job.scheme.grid)
+    return filled
 
 
 @jit
@@ -257,7 +261,7 @@ def close_lane(workspace, job, i, exactly, plain, exponents):
     elif workspace.points[i].phase == job.scheme.grid.table[THETA, 0]:
         pt = workspace.points[i]  # else the record does not begin at the start
         compare_ends(pt.x0, pt.v0, job.record.sections[row], sums)
-    if exponents and job.lyapunov:
+    if exponents:
         sum_up_tangents(workspace, i)
     if plain:
         sums.max_penetration = lanes[GREATEST + i] - lanes[CLEARANCE + i]
@@ -273,86 +277,39 @@ def close_lane(workspace, job, i, exactly, plain, exponents):
     job.record.sums[row] = sums
 
 
-@specialised
-def run_lanes(workspace, job, fill, exactly, plain, exponents, turning):
-    """Run point after point until the threads have taken all of them.
+@cache
+def loop_of(exactly: bool, plain: bool, exponents: bool, watching: bool) -> Any:
+    """Return the loop of a thread for a rule; what these constants exclude is not compiled."""
 
-    `exactly` and `plain` say whether the rule is ``exact`` or ``plain``. They are literals, so only
-    the loop of that rule is compiled; so is `exponents`, whether tangent vectors may be carried.
-    `turning` is a list of lanes, or None without extremes.
-    """
-    lanes, met, record = workspace.lanes, workspace.met, job.record
-    (method, grid), size, offset = job.scheme, 0, ROW if exactly else 0
-    while size < job.lanes and fill(workspace, job, size):
-        size += 1
-    while size > 0 and not is_set(job.interrupt):
-        batch = Batch(workspace, record, size)
-        if exactly:
-            carrying = watching = None
-            if exponents:
-                carrying = job.lyapunov and any_exceeds(lanes, PERIOD, -1.0, size)
-            if turning is not None:
-                watching = any_exceeds(lanes, WATCHED, -1.0, size)
-                watching = watching and begin_period(workspace, size, grid)
-            take_exact_steps(batch, grid, carrying, watching)
-            round_states(lanes, size)
-        else:
-            take_strides(batch, method, plain, grid, turning)
-        end_period(batch, offset, grid.phase_step)
-        # From the last lane on: a lane that takes the place of a complete one is done already.
-        for j in range(list_lanes(lanes, GUARD, met, size) - 1, -1, -1):
-            i = met[j]
-            attend_lane(batch, i, offset, job)
-            if lanes[PERIOD + i] >= job.periods:
-                close_lane(workspace, job, i, exactly, plain, exponents)
-                if not fill(workspace, job, i):
-                    size -= 1
-                    move_lane(workspace, size, i, exactly)
+    def run(workspace, job):
+        lanes, met, record = workspace.lanes, workspace.met, job.record
+        (method, grid), size, offset = job.scheme, 0, ROW if exactly else 0
+        turning = workspace.turning if watching else None
+        while size < job.lanes and fill_next_lane(workspace, job, size, exactly, turning):
+            size += 1
+        while size > 0 and not is_set(job.interrupt):
+            batch = Batch(workspace, record, size)
+            if exactly:
+                carrying = watched = None
+                if exponents:
+                    carrying = any_exceeds(lanes, PERIOD, -1.0, size)
+                if watching:
+                    watched = any_exceeds(lanes, WATCHED, -1.0, size)
+                    watched = watched and begin_period(workspace, size, grid)
+                take_exact_steps(batch, grid, carrying, watched)
+                round_states(lanes, size)
+            else:
+                take_strides(batch, method, plain, grid, turning)
+            end_period(batch, offset, grid.phase_step)
+            # From the last lane on: a lane that takes the place of a complete one is done already.
+            for j in range(list_lanes(lanes, GUARD, met, size) - 1, -1, -1):
+                i = met[j]
+                attend_lane(batch, i, offset, job)
+                if lanes[PERIOD + i] >= job.periods:
+                    close_lane(workspace, job, i, exactly, plain, exponents)
+                    if not fill_next_lane(workspace, job, i, exactly, turning):
+                        size -= 1
+                        move_lane(workspace, size, i, exactly)
 
-
-@jit
-def run_exact(workspace, job):
-    """Run the lanes of a thread with the rule ``exact``."""
-    run_lanes(workspace, job, fill_exact_lane, True, False, False, None)
-
-
-@jit
-def run_exact_with_exponents(workspace, job):
-    """Run the lanes of a thread with the rule ``exact``, and carry their tangent vectors."""
-    run_lanes(workspace, job, fill_exact_lane, True, False, True, None)
-
-
-@jit
-def run_exact_with_extremes(workspace, job):
-    """Run the lanes of a thread with the rule ``exact``, and find their extremes."""
-    run_lanes(workspace, job, fill_watched_lane, True, False, False, workspace.turning)
-
-
-@jit
-def run_exact_with_both(workspace, job):
-    """Run the lanes of a thread with the rule ``exact``, with exponents and extremes."""
-    run_lanes(workspace, job, fill_watched_lane, True, False, True, workspace.turning)
-
-
-@jit
-def run_plain(workspace, job):
-    """Run the lanes of a thread with the rule ``plain``."""
-    run_lanes(workspace, job, fill_stepped_lane, False, True, False, None)
-
-
-@jit
-def run_plain_with_extremes(workspace, job):
-    """Run the lanes of a thread with the rule ``plain``, and find their extremes."""
-    run_lanes(workspace, job, fill_stepped_lane, False, True, False, workspace.turning)
-
-
-@jit
-def run_shortened(workspace, job):
-    """Run the lanes of a thread with ``reduced-step`` or ``cubic``."""
-    run_lanes(workspace, job, fill_stepped_lane, False, False, False, None)
-
-
-@jit
-def run_shortened_with_extremes(workspace, job):
-    """Run the lanes of a thread with ``reduced-step`` or ``cubic``, and find their extremes."""
-    run_lanes(workspace, job, fill_stepped_lane, False, False, False, workspace.turning)
+    run.__name__ = run.__qualname__ = "run_exact" if exactly else "run_stepped"  # for watchers
+    return jit(run)

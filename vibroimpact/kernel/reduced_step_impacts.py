@@ -88,6 +88,7 @@ def _loop_with(code: int, chosen: Callable, otherwise: Callable) -> Callable:
     return loop
 
 
+# A loop around ``integrator_step`` is not vectorised, nor the exact flow, itself a loop.
 _chosen_loop = _by_any_step
 for _row in INTEGRATORS.values():
     if _row.order is not None and _row.order > 1:
@@ -96,10 +97,6 @@ for _row in INTEGRATORS.values():
 
 @jit
 def take_remainders(c, count, integrator):
-    """Take the first columns from their rebounds to the ends of the steps.
-
-    Each integrator of order 2 or more has its own loop, because a loop around ``integrator_step``
-    is not vectorised. Neither is the exact flow, which is a loop itself.
-    """
+    """Take the first columns from their rebounds to the ends of the steps."""
     widest_vectors()
     _chosen_loop(c, count, integrator)

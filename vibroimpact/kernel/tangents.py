@@ -70,10 +70,7 @@ def normalise_lanes(batch, n):
 
 @jit
 def sum_up_tangents(workspace, i):
-    """Add up the growth that remains in lane `i`, in dx^2 + (dv / p)^2, and that of an area.
-
-    The logarithm is the package's own, because NumPy's depends on the processor.
-    """
+    """Add up the growth that remains in lane `i`, in dx^2 + (dv / p)^2, and that of an area."""
     (y, w), pt = tangent_in(workspace.lanes, TANGENT + i, 2 * ROW), workspace.points[i]
     sums = workspace.sums[i]
     normalise((y, w * pt.omega / pt.p), sums)

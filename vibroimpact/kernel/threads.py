@@ -6,8 +6,8 @@ without holding Python's global lock:
 
 - ``run_on_threads``: starts the threads, and gives each its memory. From here on nothing is
   allocated, so references to arrays need not be counted.
-- ``run_exact``, ``run_plain``, ``run_shortened`` of ``lane.py``: the work of one thread, its lanes
-  from point to point, compiled for one rule, without or with exponents or extremes.
+- ``loop_of`` of ``lane.py``: the work of one thread, its lanes from point to point, compiled for
+  one rule, without or with exponents or extremes.
 - ``take_exact_steps`` or ``take_strides``: one forcing period.
 
 Where the motions go is found from their records afterwards, by ``find_on_threads``: only a run that
@@ -33,16 +33,7 @@ from vibroimpact.destination.repetition import MOST_REPETITIONS, rests_alike_exa
 from vibroimpact.destination.section_map import MOST_SECTIONS
 from vibroimpact.jit import claim, compiled, is_set, jit, on_threads, specialised, translate
 from vibroimpact.kernel.exact_impacts import EXACT_COLUMNS
-from vibroimpact.kernel.lane import (
-    run_exact,
-    run_exact_with_both,
-    run_exact_with_exponents,
-    run_exact_with_extremes,
-    run_plain,
-    run_plain_with_extremes,
-    run_shortened,
-    run_shortened_with_extremes,
-)
+from vibroimpact.kernel.lane import loop_of
 from vibroimpact.kernel.record import SUMS, Record
 from vibroimpact.kernel.reduced_step_impacts import REDUCED_STEP_COLUMNS
 from vibroimpact.kernel.workspace import COLUMNS, KEPT, LANES, LANES_SIZE, ROW, VECTOR, Workspace
@@ -88,12 +79,9 @@ def lanes_per_thread(points: int, threads: int) -> int:
 
 
 def aligned(size: int) -> np.ndarray:
-    """Return an array of `size` zeros that begins at a cache line.
-
-    A vector of 512 bits across two lines would be read twice. The memory is set to zero because
-    lanes without a point are computed, too: left-over bits may be subnormal numbers, with which a
-    processor takes ten times as long.
-    """
+    """Return an array of `size` zeros that begins at a cache line."""
+    # A vector of 512 bits across two lines is read twice. Lanes without a point are computed, too,
+    # and with subnormal numbers, as memory may hold, ten times as slowly.
     memory = np.zeros(size + 7)
     skipped = -(memory.ctypes.data // 8) % 8
     return memory[skipped : skipped + size]
@@ -119,20 +107,15 @@ def new_workspace(columns: int) -> Workspace:
 #: Returns a workspace of which only the type is read.
 _typical_workspace = cache(partial(new_workspace, 0))
 
-# The loop of a rule without and with extremes, and the numbers in its columns.
-_LOOPS = {
-    PLAIN: ((run_plain, run_plain_with_extremes), 0),
-    EXACT: ((run_exact, run_exact_with_extremes), EXACT_COLUMNS),
-}
-_SHORTENED = (run_shortened, run_shortened_with_extremes), REDUCED_STEP_COLUMNS
+#: The numbers in the columns of a rule.
+_COLUMNS = {PLAIN: 0, EXACT: EXACT_COLUMNS}
 
 
 def run_on_threads(threads: int, job: KernelJob) -> None:
     """Run every point, on `threads` threads or as many as have lanes."""
-    loops, columns = _LOOPS.get(job.scheme.method[0], _SHORTENED)
-    if job.lyapunov:
-        loops = run_exact_with_exponents, run_exact_with_both
-    loop = loops[job.record.extremes.size > 0]
+    rule = job.scheme.method[0]
+    columns = _COLUMNS.get(rule, REDUCED_STEP_COLUMNS)
+    loop = loop_of(rule == EXACT, rule == PLAIN, job.lyapunov, job.record.extremes.size > 0)
     work = compiled(loop, _typical_workspace(), job)
     # To start a thread takes longer than a few lanes.
     threads = min(threads, max(1, -(-job.points.size // job.lanes)))
@@ -190,10 +173,7 @@ def _new_memory() -> Memory:
 
 
 def compile_search(*, begin: bool = False) -> None:
-    """Compile the search for destinations with the rule ``exact``, for a run that begins.
-
-    If only to `begin`, translate what its loop contains, too: a step of a point alone.
-    """
+    """Compile the search by the rule ``exact``, or only `begin`: translate what its loop calls."""
     points, sums, memory = np.zeros(1, POINT), np.empty(1, SUMS), _new_memory()
     scheme = Scheme((EXACT, EXACT), PhaseGrid(np.empty((3, 2)), 0.0, 1))
     sections, flag = np.empty((1, 1, 2)), np.zeros(1, np.int64)

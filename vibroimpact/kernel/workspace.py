@@ -30,10 +30,7 @@ COEFFICIENTS_SIZE = 8
 
 
 class Rows:
-    """The places of rows that lie one after another in a flat array, `distance` numbers apart.
-
-    In a flat array the compiler knows the distances between the rows.
-    """
+    """The places of rows in a flat array, for which the compiler knows their distances."""
 
     def __init__(self, distance: int) -> None:
         self._distance, self.size = distance, 0
@@ -124,11 +121,8 @@ class Batch(NamedTuple):
 
 @inlined
 def whole_vectors(size):
-    """Return the number of lanes of whole vectors that hold `size` lanes.
-
-    Without the bounds, the LLVM of numba 0.61 does not vectorise a loop over them.
-    """
-    return min(LANES, (size + VECTOR - 1) & -VECTOR)
+    """Return the number of lanes of whole vectors that hold `size` lanes."""
+    return min(LANES, (size + VECTOR - 1) & -VECTOR)  # numba 0.61 vectorises no loop without min
 
 
 @specialised

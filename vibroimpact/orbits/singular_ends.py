@@ -63,10 +63,7 @@ _FASTEST = 1e3
 def singular_end(
     family: OrbitFamily, points: Sequence[np.ndarray], lost: bool = False
 ) -> End | None:
-    """Return how a path ends beyond some points, where, and the orbit; None if it goes on.
-
-    `lost` says whether Newton's method fails there.
-    """
+    """Return how a path ends beyond some points, where, and the orbit; None if it goes on."""
     end = _unbounded(family, points)
     if end or not family.kind:
         return end
@@ -75,11 +72,7 @@ def singular_end(
 
 
 def _degenerate_flip(family: OrbitFamily, points: Sequence[np.ndarray], lost: bool) -> End | None:
-    """Return how a curve of folds ends beyond some points, where, and the orbit; None if not near.
-
-    It ends in a ``flip`` of the half. The mean of the halves is a smooth function of the square of
-    their difference: its limit is near.
-    """
+    """Return the ``flip`` of the half in which a curve of folds ends, as above, or None."""
     if family.kind != "fold" or family.m % 2 or family.q % 2:
         return None
     m, q = family.m, family.q
@@ -206,10 +199,7 @@ def flip_that_touches(family: OrbitFamily, X: np.ndarray) -> End | None:
 
 
 def _unbounded(family: OrbitFamily, points: Sequence[np.ndarray]) -> End | None:
-    """Return where the speeds of a path become infinite, as above: at an ``edge``, or ``lost``.
-
-    The parameters are smooth functions of the inverse speed.
-    """
+    """Return where the speeds of a path become infinite, as above: at an ``edge``, or ``lost``."""
     pt = calls.parameters(family.system, points[-1])
     usual = pt.f / (pt.omega + pt.p) + pt.p * abs(pt.clearance)
 

@@ -73,14 +73,11 @@ class SpecialPoint(NamedTuple):
 
 
 def lost_text(points: int, impacts: np.ndarray) -> str:
-    """Return why a path of this many points is lost at an orbit with these speeds.
-
-    The speed 0, of the impact that grazes all along a curve of grazes, says nothing.
-    """
+    """Return why a path of this many points is lost at an orbit with these speeds."""
     text = "Newton's method fails or takes too long"
     if points >= MOST_POINTS:
         text = f"not at its end after {MOST_POINTS:,} points"
-    moving = impacts[impacts != 0.0]
+    moving = impacts[impacts != 0.0]  # without that which grazes all along a curve
     if moving.size == 0:
         return text
     slowest, fastest = float(moving.min()), float(moving.max())
@@ -142,10 +139,7 @@ def _changes(a: float, b: float) -> bool:
 
 
 def _note_degenerate_flips(path: Path, points: Sequence[np.ndarray]) -> None:
-    """Note the degenerate flips between points of a curve of flips, in order.
-
-    A chord that may have two of them is halved, as in ``hidden_roots.py``.
-    """
+    """Note the degenerate flips between points of a curve of flips, in order."""
     if path.family.kind != "flip" or len(points) < 2:
         return
     family, X = path.family, np.array(points)

@@ -108,10 +108,8 @@ def put_rows(
 
 
 def worst_of(before: np.ndarray, status: np.ndarray) -> np.ndarray:
-    """Return the worst outcomes of motions after a stage, given those of the stages before it.
-
-    Whether a motion grows without bound, or loses digits, only its record says.
-    """
+    """Return the worst outcomes of motions after a stage, given those of the stages before it."""
+    # Whether a motion is unbounded, or loses digits, only its record says.
     counts = (status > Status.CERTIFIED) & (status != Status.UNBOUNDED)
     return np.maximum(before, np.where(counts, status, Status.COMPUTED)).astype(np.int8)
 

@@ -8,6 +8,7 @@ reaches zero but never becomes negative: the mass stays for ever.
 has few digits. A motion without impacts is the free oscillation, of amplitude A, and a deviation
 whose hypot(x, v / p) does not rise. So |x| stays below A + hypot(x0 - x_p, (v0 - v_p) / p), where
 |x_p| <= A and |v_p| <= A omega. A stop that is not met does nothing: it may be anywhere beyond.
+Where it is put depends on the start, so it stays there for all parts of a run.
 """
 
 from __future__ import annotations
@@ -34,7 +35,8 @@ _FAR = 8192.0
 #: A bound for a mass that stays at its rest position, at which products do not underflow.
 _NO_MOTION = 1e-200
 
-# Relative error of p^2 |clearance|, after three roundings.
+# Relative error of p^2 |clearance|, after three roundings. A force that exceeds a preload by less
+# lifts the mass by only about 1e-30 f / omega^2.
 _ROUNDING_OF_LEVEL = 4.5e-16
 
 # The kinds of events in a step, and the columns of the buffer that holds them. TIME is since
@@ -68,21 +70,14 @@ def pressing(s, pt):
 
 @jit
 def is_held(pt):
-    """Whether a preload holds the mass for ever, to the rounding of p^2 clearance.
-
-    A force that exceeds the preload by less lifts the mass by only about 1e-30 f / omega^2.
-    """
+    """Whether a preload holds the mass for ever, to the rounding of p^2 clearance."""
     preload = -pt.p * pt.p * pt.clearance
     return preload > 0.0 and preload >= pt.f * (1.0 - _ROUNDING_OF_LEVEL)
 
 
 @jit
 def time_to_release(theta, pt):
-    """Return the time from phase `theta` until the force pulls the mass off; inf if it never does.
-
-    The force turns from pressing to pulling where sin(omega t) = -p^2 clearance / f and
-    cos(omega t) > 0.
-    """
+    """Return the time from phase `theta` until the force pulls the mass off, inf for never."""
     if is_held(pt):
         return math.inf
     level = pt.p * pt.p * pt.clearance
@@ -93,6 +88,7 @@ def time_to_release(theta, pt):
     begins = a > -1e-14 * pt.f and c < 0.0
     if not (a > 0.0 or begins):
         return 0.0
+    # The force turns to pulling where sin(omega t) = -level / f and cos(omega t) > 0.
     turn = -asin(level / pt.f)
     angle = (turn - theta) % (2.0 * math.pi)
     # The force begins to press at pi - turn, so the wait is at most pi + 2 turn. A longer one means
@@ -111,12 +107,9 @@ def start(pt, s):
 
 @jit
 def speeds_until_rest(v, wait, s, c, pt):
-    """Return the sum of the speeds before the impacts of a chatter that is replaced by its sum.
-
-    The chatter begins with a rebound at speed `v`, at a phase with sine `s` and cosine `c`, and is
-    complete after the time `wait`. The impulse at its impacts, (1 + R) times the sum, is that of
-    the pressing force less `v`. Damping and spring contribute only at third order in `wait`.
-    """
+    """Return the sum of the speeds before the impacts of a chatter that is replaced by its sum."""
+    # The impulse, (1 + R) times the sum, is that of the pressing force less v. Damping and spring
+    # contribute only at third order in `wait`.
     push = (pressing(s, pt) - 0.5 * pt.f * pt.omega * c * wait) * wait
     return max(push - v, 0.0) / (1.0 + pt.R)
 
@@ -124,20 +117,13 @@ def speeds_until_rest(v, wait, s, c, pt):
 def impulse_and_loss(
     R: np.ndarray, speeds: np.ndarray, squares: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the impulse of impacts and the energy lost, per mass; they may overflow to inf.
-
-    `speeds` and `squares` are the sums of the speeds before the impacts, and of their squares.
-    """
+    """Return impulse and energy lost per mass, by sums of the speeds and of their squares."""
     with np.errstate(over="ignore", invalid="ignore"):
         return (1.0 + R) * speeds, 0.5 * (1.0 - R) * (1.0 + R) * np.where(R < 1.0, squares, 0.0)
 
 
 def with_near_stop(points: np.ndarray, impact: str) -> np.ndarray:
-    """Return points with one force; with the rule ``exact``, far stops that are never met are near.
-
-    The new clearance is a power of two. It depends on the start, so it must stay the same for all
-    parts of a run.
-    """
+    """Return points with one force and, by the rule ``exact``, with stops out of reach put near."""
     points = with_one_force(points)
     if impact == "exact":
         h, omega, f, p, stop = (points[name] for name in ("h", "omega", "f", "p", "clearance"))
@@ -168,11 +154,8 @@ def log_event(events, n, kind, tau, v, x):
 
 @inlined
 def log_release(events, n, tau, wait, pt):
-    """Write that a mass is released, after the phase `wait` of rest; return the number of rows.
-
-    A rest of length 0 is none: where it began with no impact of a chatter, there is no row of it.
-    """
+    """Write that a mass is released, after the phase `wait` of rest; return the number of rows."""
     if wait <= RELEASE_MARGIN and n > 0 and events[n - 1, KIND] == REST:
         if events[n - 1, SPEED] == 0.0:
-            return n - 1
+            return n - 1  # a rest of length 0 without an impact is none
     return log_event(events, n, RELEASE, tau, 0.0, pt.clearance)

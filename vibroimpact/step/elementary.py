@@ -32,11 +32,8 @@ def smaller(a, b):
 
 @jit
 def sin_cos(angle):
-    """Return sine and cosine of an angle of at most a few thousand radians, to rounding.
-
-    The angle is reduced to [-pi/4, pi/4] with fused operations (Cody & Waite 1980); then the
-    minimax polynomials of ``k_sin.c`` and ``k_cos.c`` apply.
-    """
+    """Return sine and cosine of an angle of at most a few thousand radians, to rounding."""
+    # To [-pi/4, pi/4] (Cody & Waite 1980), for the polynomials of ``k_sin.c`` and ``k_cos.c``.
     quarters = np.floor(fma(angle, 2.0 / math.pi, 0.5))
     r = fma(-quarters, _QUARTER_REST, fma(-quarters, _QUARTER, angle))
     z = r * r

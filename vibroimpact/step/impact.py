@@ -72,11 +72,7 @@ class Guess(NamedTuple):
 
 
 class Impact(NamedTuple):
-    """The end of a flight, as far as `proved` says that its numbers are valid.
-
-    With ``ONLY`` all numbers are valid, with ``FIRST`` all but that the rebound may return before
-    the end of the step, with ``FREE`` `y` and `w`, with ``NOTHING`` none.
-    """
+    """The end of a flight, as far as `proved` says that its numbers are valid."""
 
     y: float  #: State at the end of the step, as if there were no further impact.
     w: float
@@ -88,10 +84,7 @@ class Impact(NamedTuple):
 
 @inlined
 def series(eq, y, w, s, c):
-    """Return the coefficients of the Taylor series of y about a state, up to the 16th power.
-
-    The derivatives follow from (P): y(k+2) = of_w y(k+1) + of_y y(k) + of_sin sin(k)(theta).
-    """
+    """Return the coefficients of the Taylor series of y about a state by (P), to the 16th power."""
     F, a, b, fs, fc = INVERSE_FACTORIALS, eq.of_w, eq.of_y, eq.of_sin * s, eq.of_sin * c
     d2 = fma(a, w, fma(b, y, fs + eq.of_1))
     d3 = fma(a, d2, fma(b, w, fc))
@@ -176,10 +169,7 @@ def guess_return(eq, launch, phase_step):
 
 @inlined
 def expand_near(eq, flight, free, end_wave, late):
-    """Expand a flight as ``series`` does, about its start or, if `late` is 1, the step's end.
-
-    `end_wave` is sine and cosine of the phase at the end of the step.
-    """
+    """Expand a flight as ``series`` does, about its start or, if `late` is 1, the step's end."""
     at_end = late > 0.0
     y, w = select(at_end, free.y, flight.y), select(at_end, free.w, flight.w)
     s, c = select(at_end, end_wave[0], flight.s), select(at_end, end_wave[1], flight.c)
@@ -213,10 +203,7 @@ def approach(k, guessed, phase_step):
 
 @inlined
 def own_end(k, flight, free, late, phase_step):
-    """Return the free end of a flight after a rebound as its own series gives it, if that is near.
-
-    So a short flight has the digits of its own height. `k` is the series of ``expand_near``.
-    """
+    """Return the free end of a flight after a rebound, by its own series `k` if that is near."""
     left = phase_step - flight.begin
     near = (late == 0.0) & (left < _FARTHEST * phase_step)
     y, w, _ = all_terms(k, left)
@@ -268,11 +255,7 @@ def end_flight(flight, free, guessed, k, values, phase_step):
 
 @inlined
 def rebound(eq, free, r, w_i, proved, phase_step):
-    """Continue from an impact to the end of the step, and prove that there is no other.
-
-    Parameters as returned by ``end_flight``. Returns the state at the end of the step, and what is
-    proved.
-    """
+    """Continue from an impact to the end of the step, and prove that there is no other."""
     per_step = 1.0 / phase_step
     of_y, of_w = impulse(eq.of_w, eq.of_y, r)
     launch = eq.R * w_i
@@ -287,10 +270,7 @@ def rebound(eq, free, r, w_i, proved, phase_step):
 
 @inlined
 def launch_after(eq, wave, at, w_i):
-    """Return the ``Flight`` that begins with the rebound from an impact.
-
-    `wave` is sine and cosine of the phase at the start of the step.
-    """
+    """Return the ``Flight`` that begins with the rebound from an impact."""
     s, c = sin_cos(at)
     s, c = fma(wave[0], c, wave[1] * s), fma(wave[1], c, -wave[0] * s)
     return Flight(0.0, -eq.R * w_i, s, c, at)

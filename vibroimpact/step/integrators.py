@@ -221,10 +221,7 @@ def affine_map(integrator, T, pt):
 
 @specialised
 def apply_map(row, x, v, s, c):
-    """Apply one row of the map to a state: row . (x, v, sin, cos).
-
-    The order of operations fixes the roundings, which lanes and single orbit then share.
-    """
+    """Apply a row of the map to (x, v, sin, cos), with the same roundings in lanes and alone."""
     xx, xv, xs, xc = row
     return fma(xx, x, fma(xv, v, fma(xs, s, xc * c)))
 

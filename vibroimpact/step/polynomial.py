@@ -38,10 +38,7 @@ _MOST_INTERVALS = 2**19 + 20
 
 @jit
 def expand(eq, y, w, s, c, phase_step, coefficients):
-    """Set the Taylor coefficients of y(u) for a flight from (y, w), at sine `s` and cosine `c`.
-
-    Differentiating (P) k times: y(k+2) = of_w y(k+1) + of_y y(k) + of_sin sin(k)(theta).
-    """
+    """Set the Taylor coefficients of y(u), by (P), for a flight from (y, w) at sine s, cosine c."""
     weight, constant = 1.0, eq.of_1
     for k in range(coefficients.size):
         coefficients[k] = y * weight
@@ -52,11 +49,8 @@ def expand(eq, y, w, s, c, phase_step, coefficients):
 
 @jit
 def value_and_slope(c, m, u):
-    """Return sum_k c[m + k] u^k and its derivative.
-
-    Horner's scheme in u^2 on every other coefficient: four short chains of fused operations
-    instead of two long ones, because their latency dominates the cost of an impact.
-    """
+    """Return sum_k c[m + k] u^k and its derivative."""
+    # Horner's scheme in u^2: four short chains of fused operations have less latency than two.
     uu = u * u
     last = c.size - 1
     p, q = c[last], c[last - 1]

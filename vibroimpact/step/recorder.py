@@ -35,11 +35,7 @@ _NO_LIMIT = sys.maxsize
 
 @jit
 def _put(log, n, kind, t, x, v):
-    """Write a row if there is room; return the number of rows, written or not.
-
-    Its columns have the shape (3, rows), or (4, rows) if the kind is logged, too. After a failure x
-    and v are NaN.
-    """
+    """Write a row if there is room, with NaN after a failure; return the number, written or not."""
     if n < log.shape[1]:
         failed = not (math.isfinite(x) and math.isfinite(v))
         log[-3, n] = t
@@ -51,10 +47,7 @@ def _put(log, n, kind, t, x, v):
 
 @jit
 def _put_events(log, n, events, n_events, t, t_T, T, pt):
-    """Write the events of a step that began at `t`; an impact gives a row before and one after.
-
-    Return the number of rows, and whether the last is the state after an impact at the end `t_T`.
-    """
+    """Write the events of a step; return the rows, and whether the last is an impact at the end."""
     at, at_end = t, False
     for k in range(n_events):
         # Rounded in different ways, no event may come before another, or after the step.
@@ -68,26 +61,15 @@ def _put_events(log, n, events, n_events, t, t_T, T, pt):
     return n, at_end
 
 
-@jit
-def _put_start(log, t, pt, resting):
-    """Write the rows at the start, at time `t`: the state, or both sides of an impact there."""
-    if pt.x0 >= pt.clearance and pt.v0 > 0.0:
-        n = _put(log, 0, IMPACT, t, pt.x0, pt.v0)
-        return _put(log, n, _STATE, t, pt.x0, -pt.R * pt.v0)
-    return _put(log, 0, REST if resting else _STATE, t, pt.x0, pt.v0)
-
-
 @specialised
 def _put_first(log, t, pt, rule, state, first, led):
     """Write the rows at the section number `first`; `led` says whether steps have led to it."""
     x, v = from_state(rule, state, pt)
     if first == 0 and not led:
-        return _put_start(log, t, pt, state[2])
+        x, v = pt.x0, pt.v0
+        if x >= pt.clearance and v > 0.0:  # both sides of an impact at the start
+            return _put(log, _put(log, 0, IMPACT, t, x, v), _STATE, t, x, -pt.R * v)
     return _put(log, 0, REST if state[2] else _STATE, t, x, v)
-
-
-#: Which rows are logged: periods, first section of each point, every and most rows of a job.
-Excerpt = tuple[int, np.ndarray, int, int]
 
 
 class TraceJob(NamedTuple):
@@ -191,7 +173,7 @@ def _trace_steps(job):
 def _logged(
     points: np.ndarray,
     scheme: Scheme,
-    excerpt: Excerpt,
+    excerpt: tuple[int, np.ndarray, int, int],
     threads: int,
     interrupt: np.ndarray | None,
     columns: int,
@@ -199,8 +181,7 @@ def _logged(
 ) -> tuple[list[np.ndarray], TraceJob]:
     """Log motions; return their logs, of shape (columns, rows) each, and the job that logged them.
 
-    There is room for so many `events` of each motion at first, by default for four in a period; an
-    event takes two rows.
+    An `excerpt` is from `periods` to `most_rows` of a job; `events` are as of `trajectories`.
     """
     n, run = points.size, _trace_exact if scheme.method[0] == EXACT else _trace_steps
     interrupt = np.zeros(1, np.int64) if interrupt is None else interrupt

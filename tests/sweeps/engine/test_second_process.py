@@ -166,7 +166,7 @@ with install_listener("numba:run_pass", passes):
     with suppress(InterruptedError):
         threads.compile_search()
 lowered = lowered()
-assert "run_exact" in unasked and not unasked & {"run_exact_with_exponents", "find_all_exact"}
+assert "run_exact" in unasked and not unasked & {"normalise_lanes", "find_all_exact"}
 for shared in ("take_exact_grid_step", "rests_alike_exactly", "run_exact", "find_all_exact"):
     assert lowered.count(shared) == 1, lowered
 """
