@@ -73,11 +73,7 @@ class Grid:
         return math.prod(self.shape)
 
     def blocks(self, size: int, unsplit: str | None = None) -> Iterator[Block]:
-        """Split the grid into boxes of at most `size` points, in C order.
-
-        The boxes cover each point exactly once. All have the same shape, except those at the end of
-        the split axis. The axis `unsplit` is never split, even if it is longer than `size`.
-        """
+        """Split the grid into boxes of at most `size` points, in C order; never along `unsplit`."""
         room = max(1, size // (1 if unsplit is None else len(self.axes[unsplit])))
         cuts_of_axes: list[list[slice]] = []
         # Backwards from the last axis: whole axes while they fit, then one axis in parts, and every
@@ -117,14 +113,10 @@ class Grid:
         return np.asarray(self.fixed[name])
 
     def spread(self, count: int) -> np.ndarray:
-        """Return about `count` points spread evenly over the grid, the same at every call.
-
-        In C order, one is taken of each of `count` equal parts; the golden ratio says which. A grid
-        of at most `count` points is returned completely.
-        """
+        """Return about `count` points spread evenly over the grid, the same at every call."""
         if self.size <= count:
             return self.points()
-        k = np.arange(count)
+        k = np.arange(count)  # of `count` equal parts; the golden ratio says which point of each
         numbers = (k + 0.6180339887498949 * k % 1.0) * (self.size / count)
         return self.numbered(np.unique(numbers.astype(np.int64)))
 

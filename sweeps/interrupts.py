@@ -44,10 +44,7 @@ this_thread = _ThisThread()
 
 
 class Cancelled(BaseException):
-    """The work was cancelled by a signal, or because its result is no longer needed.
-
-    It derives from ``BaseException``, so that libraries do not handle it as an ordinary error.
-    """
+    """Work was cancelled; no ordinary error, so that no library handles it as one."""
 
 
 def signal_came() -> bool:
@@ -68,14 +65,11 @@ def without_waiting(path: str, flags: int) -> int:
 
 
 def listen(came: Sequence[int] = ()) -> None:
-    """Make the signals set the flag, except those that are ignored, for example by ``nohup``.
-
-    Signals in `came` were received before; the list is read after the handlers are changed.
-    """
+    """Make the signals set the flag, except those ignored, as by ``nohup``; some `came` before."""
     for number in SIGNALS:
         if signal.getsignal(number) is not signal.SIG_IGN:
             signal.signal(number, _set)
-    if came:
+    if came:  # read after the handlers are changed
         _set()
 
 
@@ -130,10 +124,7 @@ def raised_at_once() -> Iterator[None]:
 
 @contextmanager
 def raised_by_check() -> Iterator[None]:
-    """Make Ctrl-C set the flag in the block; KeyboardInterrupt is raised when the block stops.
-
-    A program that has installed a handler of its own keeps it.
-    """
+    """Let Ctrl-C end the block with KeyboardInterrupt, unless the program has its own handler."""
     global _came
     if (
         threading.current_thread() is not threading.main_thread()
@@ -154,12 +145,8 @@ def raised_by_check() -> Iterator[None]:
 
 @contextmanager
 def blocked_signals() -> Iterator[None]:
-    """Block signals in the threads that are started in the ``with`` block, and in their processes.
-
-    Ctrl-C in a terminal reaches all processes, but only this one should handle it. Windows has no
-    signal mask; there the workers end with this process.
-    """
-    if not hasattr(signal, "pthread_sigmask"):
+    """Block signals in the threads and processes that are started: this one handles them."""
+    if not hasattr(signal, "pthread_sigmask"):  # on Windows workers end with this process
         yield
         return
     from multiprocessing import resource_tracker

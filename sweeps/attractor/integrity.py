@@ -115,11 +115,7 @@ def measures_of(
     clearance: float,
     states: np.ndarray,
 ) -> tuple[float, ...]:
-    """Return the measures, in the order of ``_BASIN_MEASURES``, of an attractor with states (n, 2).
-
-    `basin` is the mask of the starts in its basin, over the increasing, evenly spaced values of x
-    and v.
-    """
+    """Return the ``_BASIN_MEASURES`` of a `basin` over x and v, whose attractor has `states`."""
     from scipy.ndimage import distance_transform_edt
     from scipy.spatial import KDTree
 

@@ -62,12 +62,7 @@ _POINTS_AT_ONCE = 4_000
 def settle(
     motions: np.ndarray, sweep: OpenedSweep, parameter: np.ndarray, extensions: int
 ) -> np.ndarray:
-    """Continue motions that go to no known attractor, and write the regimes and orbits they reach.
-
-    Motions of `motions`, of dtype ``MOTION``, shape (n,), that are not periodic get their last
-    states as starts. `parameter` is the parameter point of each. Returns the mask of those that
-    were continued.
-    """
+    """Continue `motions` that go to no known attractor to where they go; return which these are."""
     regime, continued = motions["regime"], np.zeros(len(motions), bool)
     without = (regime != Regime.PERIODIC) & (regime > Regime.FAILED)
     if not without.any():
@@ -116,11 +111,7 @@ def _last_states(points: np.ndarray, sweep: OpenedSweep) -> np.ndarray:
 def _continue(
     spec: RunSpec, points: np.ndarray, periods: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Continue motions, and return where they go, their last states, and how often they rested.
-
-    A motion that failed in any part has failed: its last state is a start, from which the next part
-    begins anew.
-    """
+    """Continue motions, and return where they go, their last states, and how often they rested."""
     chunks = []
     for state in np.array_split(points, -(-points.size // _POINTS_AT_ONCE)):
         rests, worst = np.zeros(state.size, np.int64), np.full(state.size, Status.COMPUTED, np.int8)
@@ -128,7 +119,7 @@ def _continue(
             bare = replace(spec.stage(0, length, 0, spec.impact == "exact"), period=False)
             before = compute_points(bare, state, None)
             rests += _rests_of(before["rest_fraction"], before["chatters"])
-            worst = worst_of(worst, before["status"])
+            worst = worst_of(worst, before["status"])  # after a failure the next part begins anew
             put_last(state, before, spec.phase)
         record = compute_points(spec.stage(0, _CLASS_PERIODS, 0, False), state, None)
         rests += _rests_of(record["rest_fraction"], record["chatters"])
@@ -183,11 +174,7 @@ Links = Callable[[np.ndarray, np.ndarray], np.ndarray]
 
 
 def track(shape: tuple[int, ...], point: np.ndarray, near: Links, seeded: Links) -> np.ndarray:
-    """Return a number from 0 for each attractor, the same for those that continue each other.
-
-    `shape` is the shape of the grid of parameter points, and `point` the index of that of each
-    attractor, increasing. `seeded` is asked where `near` finds no link along the longest axis.
-    """
+    """Return a number from 0 for each attractor, the same for those that continue each other."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 
@@ -207,10 +194,7 @@ def track(shape: tuple[int, ...], point: np.ndarray, near: Links, seeded: Links)
 def _along(
     shape: tuple[int, ...], point: np.ndarray, axis: int, links: Sequence[tuple[int, Links]]
 ) -> np.ndarray:
-    """Return the pairs linked along an axis, shape (2, n); an attractor has at most one per side.
-
-    The `links` are tried one after the other, each between values that are some steps apart.
-    """
+    """Return the pairs linked along an axis, shape (2, n), at most one per side of an attractor."""
     stride = int(np.prod(shape[axis + 1 :], dtype=np.int64))
     at = point // stride % shape[axis]
     free = np.tile(np.bincount(point)[point] <= MOST_TRACKED, (2, 1))  # without a link on a side

@@ -119,10 +119,7 @@ def _row(changes: pd.DataFrame, item: Mapping[str, Any]) -> list[str]:
 
 
 def _pair(item: Mapping[str, Any]) -> str:
-    """Write the classes in the order of the axis; the arrow points where the line was followed.
-
-    At a subcritical flip it leads away from the stable orbit, from which the motion jumps.
-    """
+    """Write the classes in the order of the axis, with the arrow in which the motion changes."""
     before, after = str(item["before"]), str(item["after"])
     back = item["down"]
     if item["criticality"] == "subcritical" and item["orbit"] in (before, after):
@@ -172,10 +169,7 @@ def _cascades(changes: pd.DataFrame) -> Iterator[str]:
 
 
 def cascades(changes: Sequence[tuple[float, Label, Label]]) -> Iterator[list[float]]:
-    """Yield the values of at least three flips in a row, each of the orbit of the previous flip.
-
-    `changes` are values of the axis, in its order, with the classes before and after.
-    """
+    """Yield the values of at least three flips in a row, each of the orbit of the previous flip."""
     for step in (1, -1):
         run, child = list[float](), None
         for value, *classes in changes[::step]:

@@ -130,13 +130,7 @@ def find_bifurcations(
     keep: Callable[[Callable[..., xr.Dataset]], Callable[..., xr.Dataset]] = lambda find: find,
     **chosen: Any,
 ) -> pd.DataFrame:
-    """Return the table of `bifurcations` with a `Label` for each class, and three columns more.
-
-    ``down`` says whether the line was followed downwards, and ``narrow`` whether the branch of a
-    bifurcation is stable over less than 1 % of the axis. ``place`` is the value by which rows are
-    in order. `keep` makes of a function one that keeps what it finds. Further attributes are
-    ``others``, the names of the other axes, and ``heads``, their heads and that of the axis.
-    """
+    """Return the table of `bifurcations` with a `Label` for each class, and what a report needs."""
     import pandas as pd
 
     (along,) = sweep.chosen_axes([] if axis is None else [axis], at, 1, "list of bifurcations")
@@ -164,6 +158,8 @@ def find_bifurcations(
         lines = list(dict.fromkeys(tuple(row[name] for name in others) for row in rows))
         rows.sort(key=lambda row: (lines.index(tuple(row[name] for name in others)), row["place"]))
     names = [name for name in TABLE_COLUMNS if name != "source"]
+    # Whether the line was followed downwards, whether the branch of a bifurcation is stable over
+    # less than 1 % of the axis, and the value by which rows are in order.
     table = pd.DataFrame(rows, columns=[*others, *names, "down", "narrow", "place"])
     numbers = ("value", "low", "high", "place", "x", "v", "multiplier_1", "multiplier_2")
     table = table.astype({**dict.fromkeys(numbers, float), "between": int})
@@ -178,11 +174,7 @@ def find_bifurcations(
 def explained_changes(
     data: OpenedSweep, along: str, sections: xr.Dataset | None, report: Callable[[float], object],
 ) -> xr.Dataset:  # fmt: skip
-    """Return the rows for the changes of class on every line, each class as a triple of integers.
-
-    Changes are explained with values of the model, and then converted to the units of the axis.
-    Crises are sought if there are `sections`. The attribute is the number of unclassified points.
-    """
+    """Return the rows for the changes of class on every line, each class as three integers."""
     others = [name for name in data.grid if name != along]
     spec, nomenclature, parameter = data.spec, data.nomenclature, data.nomenclature.parameter(along)
     motions, coordinates = data.motions, data.data.coords.to_dataset()
@@ -288,10 +280,7 @@ def _of_branches(
 
 
 def _special_points(exact: xr.Dataset, near: float) -> Iterator[tuple[str, float, str, np.ndarray]]:
-    """Yield the kind, value and orbit of every bifurcation, and its rows in `branches`.
-
-    Values are the same if they differ by at most `near`.
-    """
+    """Yield kind, value, orbit and rows of each bifurcation; values within `near` are the same."""
     (axis,) = exact.coords
     kinds, values, m, q = (exact[name].values for name in ("kind", axis, "m", "q"))
     rows = np.flatnonzero(np.isin(kinds, CURVE_KINDS))

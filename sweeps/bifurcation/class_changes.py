@@ -94,13 +94,7 @@ class Explanation(NamedTuple):
 def explain(
     motions: np.ndarray, phase: float, axis: str, values: np.ndarray, change: Change, down: bool
 ) -> list[tuple[Change, Explanation]]:
-    """Return a change with its explanation.
-
-    `motions` are those at the `values` of the axis, a parameter of the model, and `phase` is that
-    of their section.
-    If points of unknown class lie between, and no bifurcation leads from one class to the other,
-    the change from the first class to an unknown one and that to the last class are returned.
-    """
+    """Return a change with its explanation, or the changes to and from an unknown class."""
     if axis in START_AXES:
         return [(change, Explanation("basin"))]
     low, high = motions[np.searchsorted(values, [change.low, change.high])]
@@ -142,11 +136,7 @@ def _is_joined(change: Change, first: Explanation, second: Explanation, near: fl
 
 
 def _open(values: np.ndarray, change: Change, value: float, *, after: bool) -> Change:
-    """Return the change between a class and the points of unknown class `after` or before it.
-
-    It ends at the first of these points that lies beyond the exact value, if this is known. If all
-    lie before the value, it is the whole change.
-    """
+    """Return the change between a class and the first unknown point beyond a value."""
     inside = values[(values > change.low) & (values < change.high)]
     beyond = inside
     if np.isfinite(value):
@@ -174,11 +164,7 @@ def _onward(motion: np.void, other: np.void, phase: float, axis: str) -> Explana
 
 
 def cells_of_change(classes: np.ndarray, regimes: np.ndarray) -> np.ndarray:
-    """Return the two cells of every change along a row or a column, shape (changes, 2, 2).
-
-    `classes` are m and q of each cell, 0 if it is not periodic. The cells between the two have no
-    class, or are chaotic: a known rest or a motion without bound ends the search.
-    """
+    """Return the two cells of every change along a row or a column, shape (changes, 2, 2)."""
     classified = np.argwhere(np.isin(regimes, [Regime.PERIODIC, Regime.REST, Regime.UNBOUNDED]))
     changes = [np.empty((0, 2, 2), int)]
     for axis in (0, 1):
@@ -203,17 +189,14 @@ def steps_between(changes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def middles_of_regions(classes: np.ndarray) -> Iterator[tuple[np.ndarray, int]]:
-    """Yield the middle of every large region of a class where it is widest, for each axis.
-
-    If all regions of a class are small but cover much of the map together, the largest counts.
-    """
+    """Yield the middle of every large region of a class where it is widest, for each axis."""
     from scipy.ndimage import label
 
     flat = classes.reshape(-1, 2)
     names, counts = np.unique(flat[flat[:, 0] > 0], axis=0, return_counts=True)
     for name in names[counts >= LARGE * len(flat)]:
         regions, _ = label((classes == name).all(axis=2))
-        sizes = np.bincount(regions.ravel())[1:]
+        sizes = np.bincount(regions.ravel())[1:]  # the largest counts if all are small
         for number in np.flatnonzero(sizes >= min(LARGE * len(flat), sizes.max())) + 1:
             inside = regions == number
             for axis in (0, 1):

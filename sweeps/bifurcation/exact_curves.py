@@ -55,11 +55,7 @@ class _UnaskedError(OrbitError):
 
 
 class CurveSearch:
-    """The search for the curves of one map, of the `chosen` classes, if any, and `kinds`.
-
-    `motions`, of dtype ``MOTION``, are at the `values` of two `axes`, parameters of the model, and
-    `phase` is that of their section.
-    """
+    """The search for the curves of one map, of the `chosen` classes, if any, and `kinds`."""
 
     def __init__(
         self,

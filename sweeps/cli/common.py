@@ -335,10 +335,8 @@ def say(text: object, *, error: bool = False, end: bool = True) -> None:
 
 
 def prepare_streams() -> None:
-    """Escape characters that the encoding lacks, and show Python warnings on one line.
-
-    A stream that is closed leads nowhere. No file must get its number: libraries write to that.
-    """
+    """Escape characters that the encoding lacks, and show Python warnings on one line."""
+    # Libraries write to the numbers of closed streams, so that no file must get them.
     while (free := os.open(os.devnull, os.O_RDWR)) <= 2:
         pass
     os.close(free)

@@ -123,15 +123,12 @@ def info_command(
 
 
 def _show_configuration(sweep: OpenedSweep) -> None:
-    """Show the configuration, including its table; refuse a table that is too long for YAML.
-
-    If the output is not in UTF-8, it is in ASCII, so that `run` reads it also if PowerShell has
-    written it to a file.
-    """
+    """Show the configuration, including its table; refuse a table that is too long for YAML."""
     rows = sweep.sizes.get("point", 0)
     if rows > 1000:
         raise Refused(f"{rows:,} rows are too many for YAML; run also accepts the file itself")
     encoding = getattr(sys.stdout, "encoding", "utf-8")  # without stdout nothing is shown
+    # In ASCII `run` reads it also if PowerShell has written it to a file.
     in_utf_8 = codecs.lookup(encoding).name == "utf-8"
     common.say(sweep.config.to_yaml(ascii=not in_utf_8), end=False)
 

@@ -230,13 +230,10 @@ def explore_command(
 
 
 def _redirection(address: str, private: Path) -> str:
-    """Write a page that redirects to an address; return the address of the page.
-
-    Every user of the machine can see the arguments of a browser, but must not see the address.
-    """
+    """Write a page that redirects to an address; return the address of the page."""
     from html import escape
 
-    page = private / "explore.html"
+    page = private / "explore.html"  # every user can see the arguments of a browser
     page.touch(mode=0o600)
     page.write_text(f'<meta http-equiv="refresh" content="0; url={escape(address)}">\n')
     return page.as_uri()

@@ -34,10 +34,7 @@ _UNSTABLE = "method.allow_unstable: true"
 
 
 def with_defaults(config: SweepConfig) -> SweepConfig:
-    """Return a configuration with the steps per period and the units that its groups determine.
-
-    Its keys have no `conflicts`. Raises ConflictError if its points and sizes are not allowed.
-    """
+    """Return a configuration with the steps per period and the units that its groups determine."""
     axes = config.parameters()
     points = _extreme_points(config, axes)
     _refuse_points(config, points)
@@ -195,14 +192,11 @@ def _refuse_large(config: SweepConfig, axes: Mapping[str, Axis], steps: int) -> 
 
 
 def _refuse_repeated(config: SweepConfig, axes: Mapping[str, Axis]) -> None:
-    """Refuse an axis of more values than there are floating-point numbers between its ends.
-
-    At most 1e7 values repeat only in a range that is narrow, or next to 0.
-    """
+    """Refuse an axis of more values than there are floating-point numbers between its ends."""
     for name, axis in axes.items():
         size = max(abs(axis.low), abs(axis.high))
         least = axis.low if axis.spacing == "log" else size
-        may = axis.high - axis.low < 1e-6 * size or least < 1e-300
+        may = axis.high - axis.low < 1e-6 * size or least < 1e-300  # with at most 1e7 values
         if axis.size > 1 and may and not np.diff(axis.values()).all():
             problem = f"two of {axis.size:,} values are the same floating-point number"
             raise ConflictError(_key_of(config, name), problem, "fewer values, or a wider range")

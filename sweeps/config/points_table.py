@@ -35,12 +35,7 @@ NamesCheck = Callable[[list[str]], Mapping[str, Parameter]]
 
 
 def read_points(source: Any, folder: Path, *, of_rig: bool) -> np.ndarray:
-    """Read a table into a structured array of shape (rows,), with a field for every column.
-
-    `source` is a CSV file (relative to `folder`), a mapping of columns, a DataFrame or a structured
-    array. Columns of parameters, of the rig too if there is one, must hold valid numbers; further
-    columns hold numbers or texts. A ValueError names the column and the row, counted from 1.
-    """
+    """Read a table into a structured array of shape (rows,), with a field for every column."""
     parameters = {**PARAMETERS, **(RIG_PARAMETERS if of_rig else {})}
     return read_columns(source, folder, partial(_check_names, parameters=parameters))
 
@@ -141,12 +136,10 @@ def header_of(file: TextIO) -> list[str]:
 
 
 def _rows(file: TextIO, names: list[str]) -> Iterator[list[str]]:
-    """Yield the cells of each row, without blank lines; refuse other numbers of cells.
-
-    A quote that is not closed takes in the next line, or the one that is put at the end.
-    """
+    """Yield the cells of each row, without blank lines; refuse other numbers of cells."""
     row = 0
     try:
+        # A quote that is not closed takes in the next line, or the one that is put at the end.
         for cells in csv.reader(chain(file, ["\n"])):
             if not cells or (len(cells) == 1 and cells[0].isspace()):
                 continue

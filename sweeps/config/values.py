@@ -56,12 +56,7 @@ def linear(start: float, stop: float, num: int) -> np.ndarray:
 
 
 def steps_to(start: float, stop: float, step: float) -> tuple[float, int]:
-    """Return the last value and the number of values from `start` in steps towards `stop`.
-
-    The last value is `stop` if it lies within a thousandth of a step, so that rounding never
-    decides whether it is included; otherwise the last one before it. The numbers are taken as the
-    decimal ones that were typed. ValueError if no step leads from `start` towards `stop`.
-    """
+    """Return the last value, `stop` within `_NEAR` of a step, and the number of values."""
     first, end, rise = (Fraction(repr(value)) for value in (start, stop, step))
     if not rise:
         raise ValueError("has step: 0, which leads nowhere")
@@ -78,11 +73,8 @@ def steps_to(start: float, stop: float, step: float) -> tuple[float, int]:
 
 
 def geometric(start: float, stop: float, num: int) -> np.ndarray:
-    """Return a geometric series, shape (num,); its ends are exactly `start` and `stop`.
-
-    Decimal numbers have the same bits on every machine.
-    """
-    with localcontext(_SERIES):
+    """Return a geometric series, shape (num,); its ends are exactly `start` and `stop`."""
+    with localcontext(_SERIES):  # the same bits on every machine
         first, last = Decimal(repr(start)), Decimal(repr(stop))
         ratio = ((last / first).ln() / max(num - 1, 1)).exp()
         series = accumulate(repeat(ratio, num - 1), mul, initial=first)
@@ -132,10 +124,7 @@ def as_integer(value: object) -> int:
 
 
 def ordered(values: tuple[float, ...]) -> tuple[float, ...]:
-    """Return the values of an axis, sorted unless they decrease; refuse none, and repeated ones.
-
-    Pictures, and xarray's choice of the nearest value, need an axis in order.
-    """
+    """Return the values of an axis, sorted unless they decrease; refuse none, and repeated ones."""
     if not values:
         raise ValueError("is empty")
     rising = sorted(values)

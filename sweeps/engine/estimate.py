@@ -90,12 +90,7 @@ def expected_cost(
 def block_size(
     sweep: Sweep, at_impacts: float = 0.0, *, least: int = 1, blocks: int = _BLOCKS
 ) -> int:
-    """Return the number of grid points per block: few enough to fit memory and to show progress.
-
-    The memory is that of this machine, even if others compute. A block has at least `least` points
-    if they fit into it, and a sweep at least `blocks` blocks if each can have two full sets of
-    lanes. Raises StoreError if there is not enough memory for one point, or one chain of points.
-    """
+    """Return the number of grid points per block: few enough to fit memory and show progress."""
     spec, (chain, memory, lanes) = sweep.spec, _chain(sweep, at_impacts)
     smallest, directions = "one point", " and ".join(spec.directions)
     if spec.followed:
@@ -138,11 +133,7 @@ def check_memory(results: int, what: str) -> int:
 def available_memory(
     process: Path = Path("/proc/self/cgroup"), groups: Path = Path("/sys/fs/cgroup")
 ) -> int:
-    """Return the available memory in bytes: the least of the machine and of all control groups.
-
-    They are those of this process, and those above them. In a container its own group is the root,
-    although `process` may name the path outside.
-    """
+    """Return the available memory in bytes: the least of the machine and of all control groups."""
     import psutil
 
     free = [int(psutil.virtual_memory().available)]
@@ -152,6 +143,7 @@ def available_memory(
             continue
         root, (limit, usage, copies) = (groups / "memory", _V1) if controllers else (groups, _V2)
         inside = PurePosixPath(group.lstrip("/"))
+        # A container is the root, although `process` may name its path outside.
         for folder in (root / path for path in (inside, *inside.parents)):
             limits, usages = _lines(folder / limit), _lines(folder / usage)
             if limits and usages and limits[0].isdigit():  # "max" is no limit
@@ -170,15 +162,12 @@ def _lines(path: Path) -> list[str]:
 
 
 def trial(sweep: Sweep, threads: int | None) -> tuple[float, float]:
-    """Return the expected seconds of a sweep, and its samples at impacts in a recorded period.
-
-    Both come from trials of few points with growing periods. The time is the processor time on each
-    thread, which other processes do not lengthen.
-    """
+    """Return the expected seconds of a sweep, and its samples at impacts in a recorded period."""
     threads = threads or ALL_THREADS
     calls, size = _trial_points(sweep, threads)
     compute(_shorter_spec(sweep, 1), calls[0][:1], threads)  # compiles, if necessary
-    # So many threads are in the kernel, see `run_on_threads`; this thread does the rest.
+    # So many threads are in the kernel, see `run_on_threads`; this thread does the rest. Other
+    # processes do not lengthen the processor time of each.
     parallel = min(threads, -(-calls[0].size // lanes_per_thread(calls[0].size, threads)))
     total_periods = sweep.most_periods
     periods, before, at_impacts = 1, (0, 0.0), 0.0
@@ -222,10 +211,7 @@ def _trial_points(sweep: Sweep, threads: int) -> tuple[list[np.ndarray], int]:
 
 
 def _shorter_spec(sweep: Sweep, total: int) -> RunSpec:
-    """Return what a sweep computes, over `total` periods with the same share of them recorded.
-
-    A followed sweep finds its classes once, at the end, and so they are left out.
-    """
+    """Return what a sweep computes, over `total` periods with the same share of them recorded."""
     spec, is_auto = sweep.spec, sweep.spec.longest is not None
     periods = max(1, total * spec.periods // sweep.most_periods)
     return replace(
@@ -234,5 +220,5 @@ def _shorter_spec(sweep: Sweep, total: int) -> RunSpec:
         longest=max(1, total - periods) if is_auto else None,
         periods=periods,
         impacts=min(spec.impacts, 8 * periods),
-        period=spec.period and spec.followed is None,
+        period=spec.period and spec.followed is None,  # otherwise once, at the end
     )

@@ -37,13 +37,7 @@ class Difference:
 def differences(
     first: xr.Dataset, second: xr.Dataset, rtol: float = 0.0, atol: float = 0.0
 ) -> Iterator[Difference]:
-    """Yield the difference of each variable and coordinate that both sweeps have.
-
-    Two values are equal if both are NaN, or if they differ by at most `atol` plus `rtol` times the
-    greater magnitude; integers and texts must be the same, and phases may differ by full turns. Of
-    trajectories, the samples that both sweeps have are compared. Raises Refused
-    if the axes or records have other sizes.
-    """
+    """Yield the difference of each variable and coordinate that both sweeps have."""
     _refuse_other_shapes(first, second)
     if _SAMPLE in first.dims and _SAMPLE in second.dims:
         width = min(data.sizes[_SAMPLE] for data in (first, second))
@@ -98,10 +92,7 @@ def _compared(
 def _chunks_of(
     first: xr.Dataset, second: xr.Dataset, name: str
 ) -> tuple[Mapping[Hashable, int], int, Iterable[tuple[np.ndarray, np.ndarray, int]]]:
-    """Return the sizes of a variable, its values per point, and chunks of it in both sweeps.
-
-    Each chunk has flat values of both and the number of its first point.
-    """
+    """Return the sizes of a variable, its values per point, and flat chunks with a first point."""
     if name in first.coords:
         bare = (data[name].drop_vars(data[name].coords) for data in (first, second))
         pair = xr.broadcast(*bare)  # a number in one may be a column in the other

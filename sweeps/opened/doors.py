@@ -91,10 +91,7 @@ Outer = Callable[Concatenate[AnySweep, P], Out]
 
 
 def takes_sweep(allowed: Mapping[str, Allowed]) -> Callable[[Inner[P, Out]], Outer[P, Out]]:
-    """Decorate a function of a sweep: open the file of a path, and refuse unfit arguments.
-
-    What the arguments may be is in ``ARGUMENTS``, or in `allowed` for those of this function.
-    """
+    """Decorate a function of a sweep: open the file of a path, and refuse unfit arguments."""
 
     def decorated(function: Inner[P, Out]) -> Outer[P, Out]:
         signature = inspect.signature(function)
@@ -207,11 +204,7 @@ def _result_problems(dataset: xr.Dataset) -> Iterator[str]:
 
 
 def in_si(sweep: OpenedSweep) -> OpenedSweep:
-    """Return the sweep with the axes, names and SI units of its rig, if it has one.
-
-    The axes are those of the rig; the parameters of the model stay as further coordinates. The
-    results of the file are still read when they are used.
-    """
+    """Return the sweep with the axes, names and SI units of its rig, if any, still read late."""
     # Without a rig no table that belongs to a configuration is read.
     has_rig = re.search("^rig:", sweep.attrs["configuration"], re.MULTILINE)
     if sweep.in_rig or not has_rig or (rig := sweep.config.rig) is None:

@@ -65,11 +65,7 @@ def motions_from(
 def run_on(
     spec: RunSpec, points: np.ndarray, periods: int, impacts: int = 0
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Continue motions from their states at the section, with the method of a sweep.
-
-    Returns the states at the next sections, shape (n, periods, 2), and the phases and speeds of the
-    last impacts, shape (n, impacts, 2).
-    """
+    """Continue motions; return next states, (n, periods, 2), and last impacts, (n, impacts, 2)."""
     spec = replace(spec.stage(0, periods, impacts, False), period=False)
     points = points.copy()
     points["phase"] = spec.phase
@@ -97,11 +93,7 @@ def section_distance(
     R: np.ndarray | float,
     scale: np.ndarray | tuple[float, float] = (1.0, 1.0),
 ) -> np.ndarray:
-    """Return the distance of states at a section, directly or through an impact, if that is less.
-
-    States are x and v, shape (..., 2), and `scale` gives their units. The clearance and R are
-    broadcast against x. The distance is the larger of the distances in x and in v, in these units.
-    """
+    """Return the distance of states (..., 2) in units of `scale`, directly or by an impact."""
     (x, v), (x_0, v_0) = np.moveaxis(states, -1, 0), np.moveaxis(states_0, -1, 0)
     X, V = np.moveaxis(np.asarray(scale), -1, 0)
     direct = np.maximum(np.abs(x - x_0) / X, np.abs(v - v_0) / V)
@@ -111,15 +103,11 @@ def section_distance(
 
 
 def distances(cycles: Cycles, a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Return the distances of pairs of cycles, given their indices `a` and `b`, shape (n,).
-
-    A cycle of 2 m periods is compared with two turns of one of m periods; cycles of other different
-    periods are infinitely far apart. The distance is the largest difference of a coordinate, for
-    the rotation that makes it least, divided by the greatest absolute coordinate of both cycles.
-    """
+    """Return the distances of pairs of cycles, relative to their greatest coordinate."""
     m = cycles.m
     a, b = np.where(m[a] > m[b], b, a), np.where(m[a] > m[b], a, b)
     result = np.full(len(a), np.inf)
+    # One of 2 m periods with two turns of one of m; others are infinitely far apart.
     for periods, turns in product(np.unique(m[a]).tolist(), (1, 2)):
         rows = np.flatnonzero((m[a] == periods) & (m[b] == turns * periods))
         size = max(1, _VALUES_AT_ONCE // (turns * periods))
@@ -149,14 +137,11 @@ def cycles_of(spec: RunSpec, motions: np.ndarray) -> Cycles:
 
 
 def orbit_at(motion: np.void, phase: float) -> PeriodicOrbit:
-    """Return the orbit near a periodic motion, whose section is at `phase`.
-
-    A state beyond the stop, which some impact rules allow, is moved to the stop. Raises OrbitError
-    if no orbit is found.
-    """
+    """Return the orbit near a periodic motion, whose section is at `phase`."""
     oscillator = oscillator_of(motion["point"])
     x, v = motion["point"]["x0"].item(), motion["point"]["v0"].item()
-    return periodic_orbit(oscillator, min(x, oscillator.clearance), v, int(motion["m"]), phase)
+    x = min(x, oscillator.clearance)  # some impact rules leave it beyond the stop
+    return periodic_orbit(oscillator, x, v, int(motion["m"]), phase)
 
 
 def orbit_of_motion(motion: np.void, phase: float) -> PeriodicOrbit:

@@ -58,10 +58,7 @@ NO_LOCKS = (errno.ENOSYS, errno.ENOLCK, errno.EOPNOTSUPP, errno.ENOTSUP)
 
 
 def parts_path(path: Path) -> Path:
-    """Return the folder of an incomplete sweep; for a link, it lies beside the link's target.
-
-    Refuse the path of such a folder, or of a file in it, and name the path to give.
-    """
+    """Return the folder of the blocks of a sweep; refuse the path of such a folder, or in it."""
     whole = absolute(path)
     for folder, as_typed in ((whole, path), (whole.parent, path.parent)):
         if folder.name.endswith(PARTS) and identity(folder / SCHEMA):
@@ -84,10 +81,7 @@ class Content(Enum):
 
 
 def content(path: Path) -> Content | None:
-    """Return the kind of the file at a path, None without one; refuse all but regular files.
-
-    This does not use HDF5, which a damaged file can crash.
-    """
+    """Return the kind of a regular file, None without one, without HDF5, which may crash."""
     try:
         with open_regular(path) as file:
             head = file.read(_SEARCH_SIZE)
@@ -171,11 +165,7 @@ def check_output(path: str | Path, *, overwrite: bool = False, resume: bool = Fa
 
 
 def check_parts(path: Path, overwrite: bool) -> None:
-    """Refuse what has the name of the folder of its blocks, if no blocks can be written there.
-
-    Blocks without their schema are an incomplete copy, and are only overwritten. A killed removal
-    leaves a draft of the schema beside them, as it first renames the schema and removes it last.
-    """
+    """Refuse what has the name of the folder of its blocks, if no blocks can be written there."""
     parts = parts_path(path)
     try:
         status = os.lstat(parts)
@@ -205,6 +195,7 @@ def check_parts(path: Path, overwrite: bool) -> None:
         raise StoreError(
             f"{folders[0]} is a directory in the place of a block; move it, or give another output"
         )
+    # A killed removal leaves a draft: it first renames the schema, and removes it last.
     schemas = [file for file in files if SCHEMA in file.name]
     schema = any(re.fullmatch(rf"{SCHEMA}|{DRAFT}", file.name) for file in schemas)
     if blocks and not schema and not overwrite:

@@ -68,11 +68,7 @@ class Schema:
         units: Mapping[str, str],
         column_units: Mapping[str, str],
     ) -> Self:
-        """Return the schema of a new sweep, in blocks of about `size` points.
-
-        `configuration` is YAML. `units` has the names of the units, as of ``length``, and
-        `column_units` the units of columns of the table, if they have one.
-        """
+        """Return the schema of a new sweep, in blocks of about `size` points."""
         import numba  # takes half a second, and files are also opened without it
 
         from vibroimpact.jit import NUMERICS, WAY
@@ -269,18 +265,14 @@ def schema_in(file: h5py.File) -> Schema:
 
 
 def _storage(schema: Schema, name: str, compressed: bool) -> dict[str, Any]:
-    """Return the HDF5 storage options of a variable, with chunks that never span two blocks.
-
-    Along the axis that is split, all blocks but the last have the same length; a chunk has that
-    length, or an exact fraction of it. All other dimensions may be split anywhere.
-    """
+    """Return the HDF5 storage options of a variable, with chunks that never span two blocks."""
     shape, fill_value = [*schema.sizes(name).values()], VARIABLES[name].fill_value
     if 0 in shape or not shape:
         return {}  # a single value has no chunks
     chunk = [*schema.sizes(name, schema.blocks[0]).values()]
     for i, length in enumerate(chunk):
         while math.prod(chunk) > _CHUNK_VALUES and chunk[i] > 1:
-            if chunk[i] % 2 and length < shape[i]:
+            if chunk[i] % 2 and length < shape[i]:  # along the split axis
                 break
             chunk[i] = (chunk[i] + 1) // 2
     gzip = {"shuffle": True, "compression": "gzip", "compression_opts": 1} if compressed else {}
@@ -288,16 +280,13 @@ def _storage(schema: Schema, name: str, compressed: bool) -> dict[str, Any]:
 
 
 def differing_keys(old: str, new: str) -> dict[str, tuple[object, object]]:
-    """Return the dotted keys in which two configurations differ, with both values.
-
-    Neither the name nor the compression of the complete file makes another sweep.
-    """
+    """Return the dotted keys in which two configurations differ, with both values."""
     if old == new:
         return {}
     was, now = (_flat(yaml_mapping(text, "the configuration of a sweep")) for text in (old, new))
     return {
         key: (was.get(key, "not given"), now.get(key, "not given"))
-        for key in sorted({*was, *now} - {"name", "compression"})
+        for key in sorted({*was, *now} - {"name", "compression"})  # of the same sweep
         if was.get(key) != now.get(key)
     }
 

@@ -108,11 +108,8 @@ def unit_in(attributes: Mapping[str, Any], unit: str) -> str:
 
 
 def description_in(attributes: Mapping[str, Any], meaning: str, unit: str) -> dict[str, str]:
-    """Return the attributes of numbers in a file, or of what is computed from it.
-
-    A unit with a length or a time without a name is left out, as other programs would refuse it.
-    """
-    unit_text = unit_in(attributes, unit)
+    """Return the attributes of numbers in a file, or of what is computed from it."""
+    unit_text = unit_in(attributes, unit)  # other programs refuse length/time
     return {"long_name": meaning} | ({} if UNNAMED.search(unit_text) else {"units": unit_text})
 
 
@@ -132,10 +129,7 @@ def attributes_of(
 
 
 def record_widths(spec: RunSpec, at_impacts: float = 0) -> dict[str, int]:
-    """Return how many values of a point each variable of a file for `spec` holds.
-
-    Trajectories have `at_impacts` samples at impacts in every period.
-    """
+    """Return how many values of a point each variable of a file for `spec` holds."""
     samples = 0
     if spec.every is not None:
         samples = spec.periods * spec.steps_per_period // spec.every + 1
