@@ -1,13 +1,13 @@
 """A configuration for a local cluster, and the comparison of its files with those of threads."""
 
+from functools import cache
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import xarray as xr
 
-from sweeps import run_sweep
 from tests.helpers.commands import refused
-from tests.helpers.configurations import load
-from tests.helpers.sweep_files import data
+from tests.helpers.sweep_files import data, run_in
 
 CLUSTERED = """\
 oscillator: {h: 0.05, R: 0.8, omega: {start: 2.4, stop: 3.5, num: 300, spacing: log}, f: 1.0}
@@ -23,8 +23,13 @@ def refused_run(*arguments):
     return message
 
 
-def assert_same_bits(path):
+@cache
+def alone(*overrides):
+    """Return the data of a run without the cluster."""
+    with TemporaryDirectory() as folder:
+        return data(run_in(Path(folder), CLUSTERED, *overrides))
+
+
+def assert_same_bits(path, *overrides):
     """Compare a file bit for bit with a run without the cluster."""
-    if not Path("here.h5").exists():
-        run_sweep(load(CLUSTERED), "here.h5")
-    xr.testing.assert_identical(data(path), data("here.h5"))
+    xr.testing.assert_identical(data(path), alone(*overrides))

@@ -87,7 +87,7 @@ NO_SWEEP = {
 
 @pytest.mark.parametrize(
     ("door", "wrong"),
-    [*product(DOORS, ("a number", "renamed")), *product(("curves", "basins"), NO_SWEEP)],
+    [*product(DOORS, ("a number", "renamed")), *product(["curves"], NO_SWEEP)],
 )
 def test_only_an_opened_sweep_is_taken(loaded, door, wrong):
     function, name = DOORS[door]
@@ -97,7 +97,7 @@ def test_only_an_opened_sweep_is_taken(loaded, door, wrong):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("door", ["attractors", "bifurcations", "section", "basins"])
+@pytest.mark.parametrize("door", ["attractors", "bifurcations", "section"])
 def test_a_path_is_opened(files, loaded, door):
     function, name = DOORS[door]
     for path in (files / f"{name}.h5", str(files / f"{name}.h5")):
@@ -178,44 +178,44 @@ def test_a_part_of_exact_orbits_is_drawn(loaded):
         assert chosen.any() and drawn[0] == drawn[1] == drawn[2]
 
 
-AT = ("R=0.8", 3, ["R"], {"R": None}, {"R": [0.7]}, {"R": "0.7"}, {3: 0.7}, {"R": np.nan})
-CLASSES = (["1/1"], "1/1", (1, 1), [(1,)], [(0, 1)], [(1, -1)], [(1.5, 1)], 3, [None])
 ITS_OWN = object()  # stands for the sweep itself
-PAGES = (None, "3.4in", 3.4, {"width": 3.4})
+#: Wrong values of each argument, and the functions that have it.
+WRONG = {
+    "at": (
+        ("R=0.8", 3, ["R"], {"R": None}, {"R": [0.7]}, {"R": "0.7"}, {3: 0.7}, {"R": np.nan}),
+        "bifurcations branches curves plot bifurcation basins section",
+    ),
+    "axis": ((3, ["omega"], ("R", "omega")), "bifurcations branches"),
+    "classes": (
+        (["1/1"], "1/1", (1, 1), [(1,)], [(0, 1)], [(1, -1)], [(1.5, 1)], 3, [None]),
+        "branches curves",
+    ),
+    "most": ((0, -1, 1.5, "2", None, True), "branches"),
+    "kinds": ((3, [3], None), "curves"),
+    "axes": ((3, [3]), "curves bifurcation parameter_map plot"),
+    "page": ((None, "3.4in", 3.4, {"width": 3.4}), "bifurcation section trajectory basins plot"),
+    "ax": ((3, "left", Figure()), "bifurcation section trajectory"),
+    "exact": ((3, True, "1/1", ITS_OWN), "bifurcation parameter_map"),
+    "coordinate": ((3, ["impact_v"]), "bifurcation"),
+    "below": ((3, [3], {"a": 1}), "bifurcation"),
+    "color": ((3, ["period"], np.ones(4)), "bifurcation"),
+    "quantity": ((3, ["period"], np.ones(4)), "parameter_map"),
+    "periods": ((0, -1, "4", 1.5, 10**12, True), "trajectory"),
+    "kind": ((3, ["map"]), "plot"),
+    "colour": (("period",), "plot"),
+    "tolerance": ((-1.0, "1e-3", None, np.nan), "attractors"),
+    "extensions": ((-1, 1.5, "2", None), "attractors"),
+    "found": ((3, ITS_OWN, {}), "knocks"),
+    "numbers": ((3, "0", ["0"], [1.5]), "knocks"),
+}
 
 
 def calls():
-    """Yield the argument, a call with a wrong value of it, and the file."""
-    for door in ("bifurcations", "branches", "curves", "plot", "bifurcation", "basins", "section"):
-        for at in AT:
-            yield "at", door, {"at": at}
-    for door in ("bifurcations", "branches"):
-        yield from (("axis", door, {"axis": axis}) for axis in (3, ["omega"], ("R", "omega")))
-    for door in ("branches", "curves"):
-        yield from (("classes", door, {"classes": classes}) for classes in CLASSES)
-    yield from (("most", "branches", {"most": most}) for most in (0, -1, 1.5, "2", None, True))
-    yield from (("kinds", "curves", {"kinds": kinds}) for kinds in (3, [3], None))
-    for door in ("curves", "bifurcation", "parameter_map", "plot"):
-        yield from (("axes", door, {"axes": axes}) for axes in (3, [3]))
-    for door in ("bifurcation", "section", "trajectory", "basins", "plot"):
-        yield from (("page", door, {"page": page}) for page in PAGES)
-    for door in ("bifurcation", "section", "trajectory"):
-        yield from (("ax", door, {"ax": ax}) for ax in (3, "left", Figure()))
-    for door in ("bifurcation", "parameter_map"):
-        yield from (("exact", door, {"exact": exact}) for exact in (3, True, "1/1", ITS_OWN))
-    yield from (("coordinate", "bifurcation", {"coordinate": name}) for name in (3, ["impact_v"]))
-    yield from (("below", "bifurcation", {"below": name}) for name in (3, [3], {"a": 1}))
-    for name in ("color", "quantity"):
-        door = "bifurcation" if name == "color" else "parameter_map"
-        yield from ((name, door, {name: wrong}) for wrong in (3, ["period"], np.ones(4)))
-    yield from (("periods", "trajectory", {"periods": n}) for n in (0, -1, "4", 1.5, 10**12, True))
-    yield from (("kind", "plot", {"kind": kind}) for kind in (3, ["map"]))
-    yield "colour", "plot", {"colour": "period"}
-    for tolerance in (-1.0, "1e-3", None, np.nan):
-        yield "tolerance", "attractors", {"tolerance": tolerance}
-    yield from (("extensions", "attractors", {"extensions": n}) for n in (-1, 1.5, "2", None))
-    yield from (("found", "knocks", {"found": found}) for found in (3, ITS_OWN, {}))
-    yield from (("numbers", "knocks", {"numbers": numbers}) for numbers in (3, "0", ["0"], [1.5]))
+    """Yield an argument, a function and a wrong value: each one once, and one at each function."""
+    for argument, (values, doors) in WRONG.items():
+        first, *others = doors.split()
+        for door, wrong in [*product([first], values), *product(others, values[:1])]:
+            yield argument, door, {argument: wrong}
 
 
 @pytest.mark.parametrize(("argument", "door", "options"), list(calls()))
@@ -326,11 +326,11 @@ def test_attributes_and_types_are_those_of_a_file(loaded, change):
     ds = loaded["map"]
     other = SAME[change](ds)
     before = other.copy()
-    for draw in (plotting.parameter_map, plotting.section):
-        figure, same = draw(ds), draw(other)
-        assert [(ax.get_xlabel(), ax.get_ylabel()) for ax in same.axes] == [
-            (ax.get_xlabel(), ax.get_ylabel()) for ax in figure.axes
-        ]
+    labels = [
+        [(ax.get_xlabel(), ax.get_ylabel()) for ax in plotting.parameter_map(each).axes]
+        for each in (ds, other)
+    ]
+    assert labels[0] == labels[1]
     held = takes_sweep({})(lambda sweep: sweep.data)(other)
     assert all(held[name].dtype == values.dtype for name, values in ds.variables.items())
     assert other.identical(before)

@@ -33,27 +33,17 @@ def test_the_rest_position_is_the_attractor_where_there_is_no_force():
     assert np.abs(found["section_x"].values[0]).max() < 1e-15
 
 
-@pytest.mark.parametrize(
-    ("h", "R", "single", "three"),
-    [
-        (0.0, 0.8, 1.4225, (0.7030, 1.1145, 2.2536)),
-        (0.02, 0.95, 1.3135, (0.7642, 0.9341, 2.1229)),
-    ],
-)
-def test_the_known_coexisting_attractors(computed_starts, h, R, single, three):
-    dataset = computed_starts(f"oscillator.h={h}", f"oscillator.R={R}", "record.transient=1500")
+def test_the_known_coexisting_attractors(computed_starts):
+    """Those without damping are in the scene ``basins``."""
+    dataset = computed_starts("oscillator.h=0.02", "oscillator.R=0.95", "record.transient=1500")
     found = attractors(dataset)
     assert found["attractors"].item() == 2
     by_class = {row.name: row for row in attractor_rows(OpenedSweep(dataset), found)}
     assert set(by_class) == {"1/1", "2/3"}
-    np.testing.assert_allclose(by_class["1/1"].speeds, [single], atol=1e-4)
-    np.testing.assert_allclose(by_class["2/3"].speeds, three, atol=1e-4)
-    exact = one_impact_orbit(Oscillator(h=h, R=R, omega=1.3, f=1.0)).v
+    np.testing.assert_allclose(by_class["2/3"].speeds, (0.7642, 0.9341, 2.1229), atol=1e-4)
+    exact = one_impact_orbit(Oscillator(h=0.02, R=0.95, omega=1.3, f=1.0)).v
     np.testing.assert_allclose(by_class["1/1"].speeds, [exact], rtol=1e-5)
     assert found["fraction"].sum().item() == pytest.approx(1.0)
-    zero = found["attractor"].sel(x0=0.0, v0=0.0).item()
-    if h == 0.0:
-        assert zero == by_class["2/3"].number
 
 
 @pytest.mark.parametrize(

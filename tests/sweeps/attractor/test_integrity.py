@@ -258,6 +258,7 @@ def test_the_worst_moment_and_a_tongue_at_another_one_are_found(
     dataset, all_knocks, monkeypatch, tongue
 ):
     """The knock is 0.3 at the phase 2, and above 0.4 where the tongue is a 100th above 0.3."""
+    monkeypatch.setattr("sweeps.attractor.knocks._MOMENTS", 16)
 
     def ends(motions, phase, states):
         (_, v), away = motions.orbits[0].sections(phase)[0], (phase - 2.0 + np.pi) % (2 * np.pi)

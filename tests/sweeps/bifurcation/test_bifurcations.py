@@ -25,6 +25,9 @@ from vibroimpact import Oscillator, PeriodicOrbit, one_impact_orbits, periodic_o
 
 pytestmark = pytest.mark.slow
 
+FILES = {
+    "bare": "oscillator: {h: 0.05, R: 0.8, f: 1, omega: [2.6, 2.7]}\nrecord: {diagnostics: []}\n"
+}
 RECORD = "record: {transient: 400, periods: 64, impacts: 8, diagnostics: [period, lyapunov]}\n"
 
 
@@ -271,9 +274,8 @@ def test_beside_a_flip_what_has_not_settled_is_in_the_bracket(sweep):
         (["--bifurcations"], "record.diagnostics: [period]"),
     ],
 )
-def test_requests_that_do_not_fit_are_refused(sweep, arguments, text):
-    path = sweep("h: 0.05, R: 0.8, f: 1, omega: [2.6, 2.7]", changes=["record.diagnostics=[]"])
-    assert text in refused("info", path, *arguments)
+def test_requests_that_do_not_fit_are_refused(files, arguments, text):
+    assert text in refused("info", files / "bare.h5", *arguments)
 
 
 #: Oscillators, and how many bifurcations of at most 4 periods and 5 impacts each has on its axis.

@@ -126,7 +126,6 @@ def test_a_cluster_with_certificates_of_dasks_own_configuration(certificates):
             assert result.exit_code == 0, result.stderr
             assert_same_bits("out.h5")
             Path("out.h5").unlink()
-            Path("here.h5").unlink()
             with dask.config.set(dict.fromkeys(certificates)):
                 message = refused_run("--dask", address)
     assert f"no Dask scheduler answers at {address} (" in message

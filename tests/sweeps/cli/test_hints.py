@@ -229,12 +229,10 @@ def test_every_command_is_completed(monkeypatch):
     ("words", "expected"),
     [
         (["plot", "--over"], ["--overlay"]),
-        (["export", "a.h5", "--rows", "s"], ["sections"]),
         (["explore", "--port", "none", "--no"], ["--no-browser"]),
         (["nonsense", "x"], []),
         (["run", "swe"], []),  # then the shell completes the names of files
         (["plot", "--kind", ""], list(plotting.KINDS)),
-        (["run", "a.yaml", "--set", "oscillator.om"], ["oscillator.omega="]),
         (
             ["zoom", "a.h5", "omega=2:3", "--set", "record.t"],
             ["record.transient=", "record.trajectory="],
@@ -245,7 +243,6 @@ def test_every_command_is_completed(monkeypatch):
         ),
         (["run", "--set", "start"], ["start=", "start.x0=", "start.v0=", "start.phase="]),
         (["plot", "a.h5", "--below", "l"], ["lyapunov"]),
-        (["plot", "a.h5", "--quantity", "mean"], ["mean_force"]),
         (["init", ""], [path.stem for path in sorted((ROOT / "configs").glob("*.yaml"))]),
     ],
 )

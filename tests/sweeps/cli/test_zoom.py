@@ -16,6 +16,12 @@ from vibroimpact.status import Status
 pytestmark = pytest.mark.slow
 
 
+@pytest.fixture
+def undrawn(monkeypatch):
+    """Draw no picture of a piece whose data are tested."""
+    monkeypatch.setattr("sweeps.cli.plot.draw_picture", lambda *_, **__: None)
+
+
 def test_zoom_computes_and_draws_a_piece(small_file, unpainted):
     printed = accepted("zoom", "small.h5", "omega=2.25:2.5", "poincare_v=-1:1")
     assert printed.splitlines()[-1] == "small-omega-2.25-2.5.png"
@@ -35,14 +41,12 @@ def test_zoom_computes_and_draws_a_piece(small_file, unpainted):
     ("pieces", "reason"),
     [
         (["omega=2:1"], "expected: NAME=LOW:HIGH"),
-        (["omega=2:nan"], "expected: NAME=LOW:HIGH"),
         (["=2:3"], "expected: NAME=LOW:HIGH"),
         (["omgea=2:3"], "did you mean omega?"),
         (["(o=2:3"], "(o is not a swept axis"),
         (["h=0:1"], "expected: omega or clearance"),
         (["omega=-1:1"], "expected: forcing frequency"),
         (["poincare_x=0:1"], "at least one swept axis"),
-        (["omega=2:3", "omega=2:4"], "each name once"),
         (["omega=2:3", "poincare_x=0:1", "poincare_v=0:1"], "at most one of"),
         (["omega=2:3", "poincare_x=0:1", "--coordinate", "impact_v"], "exclude each other"),
         (["omega=2:3", "--coordinate", "impulse"], "impulse is not a coordinate"),
@@ -50,8 +54,6 @@ def test_zoom_computes_and_draws_a_piece(small_file, unpainted):
         (["omega=2:3", "--title", r"$\no$"], "title = '$"),
         (["omega=2:3", "--coordinate", "x_max", "--exact"], "exact branches have no x_max"),
         (["omega=2:3", "--coordinate", "x_max"], "extremes is no diagnostic of it"),
-        (["omega=2:3", "--gray"], "did you mean --grey?"),
-        (["omega=2:3", "-o", "no/folder.h5"], "does not exist"),
         (["omega=2:3", "--dask", "host:1"], "did you mean tcp://host:1?"),
         (["omega=2:3", "-o", "small.h5"], "small.h5 exists"),
         (["omega=2:3", "--set", "record.transiet=9"], "did you mean transient?"),
@@ -84,7 +86,7 @@ def test_zoom_takes_the_looks_of_a_picture_and_says_what_is_beyond_the_sweep(sma
     assert drawn.shape[1] == 4 * 150  # the fixture cheap_pictures
 
 
-def test_a_zoom_takes_overrides_as_a_run_does(small_file, unpainted):
+def test_a_zoom_takes_overrides_as_a_run_does(small_file, undrawn):
     overrides = ("--set", "record.transient=60", "--set", "oscillator.omega.num=3")
     accepted("zoom", "small.h5", "omega=2:2.5", *overrides)
     ends = [f"oscillator.omega.{end}" for end in ("start=2.0", "stop=2.5")]
@@ -131,7 +133,7 @@ def test_every_zoom_has_a_name_of_its_own(small_file):
     assert len(set(long)) == 2 and max(map(len, long)) < 60
 
 
-def test_a_piece_of_a_logarithmic_axis_is_logarithmic(small_file, unpainted):
+def test_a_piece_of_a_logarithmic_axis_is_logarithmic(small_file, undrawn):
     omega = "oscillator.omega={start: 1.5, stop: 6, num: 5, spacing: log}"
     accepted("run", "small.h5", "-o", "log.h5", "--quiet", "--set", omega)
     accepted("zoom", "log.h5", "omega=2:4", "-o", "piece.h5")
@@ -139,7 +141,7 @@ def test_a_piece_of_a_logarithmic_axis_is_logarithmic(small_file, unpainted):
         np.testing.assert_allclose(piece["omega"], np.geomspace(2.0, 4.0, 5), rtol=1e-15)
 
 
-def test_a_zoom_beyond_the_ends_of_the_sweep_has_the_steps_that_it_needs(small_file, unpainted):
+def test_a_zoom_beyond_the_ends_of_the_sweep_has_the_steps_that_it_needs(small_file, undrawn):
     accepted("zoom", "small.h5", "omega=0.05:0.1", "-o", "beyond.h5")
     with sweeps.open_sweep("beyond.h5") as beyond, sweeps.open_sweep("small.h5") as small:
         assert (beyond["status"] == Status.CERTIFIED).all()
@@ -179,7 +181,7 @@ def test_a_zoom_of_a_zoom_is_named_by_its_own_range_and_shows_its_ends(small_fil
     ],
 )  # fmt: skip
 def test_a_piece_of_a_followed_sweep_stays_on_its_motion(
-    unpainted, way, oscillator, low, high, impacts
+    undrawn, way, oscillator, low, high, impacts
 ):
     """From rest another motion is reached there."""
     group, axis = ("rig", "frequency") if "mass" in oscillator else ("oscillator", "omega")
@@ -201,7 +203,7 @@ def test_a_piece_of_a_followed_sweep_stays_on_its_motion(
     [("omega: {start: 0.26, stop: 0.3, num: 9}, clearance: 0.1", "omega=0.27:0.28", 0.1),
      ("omega: 2.6, clearance: {start: 0, stop: 1, num: 11}", "clearance=-3:-2.5", -3.0)],
 )  # fmt: skip
-def test_a_piece_begins_at_the_stop_if_the_state_there_is_beyond_it(unpainted, axis, piece, stop):
+def test_a_piece_begins_at_the_stop_if_the_state_there_is_beyond_it(undrawn, axis, piece, stop):
     """As `plain` leaves a state beyond it, and another piece of clearances has another stop."""
     name = piece.partition("=")[0]
     Path("whole.yaml").write_text(
@@ -225,13 +227,13 @@ def test_a_piece_begins_at_the_stop_if_the_state_there_is_beyond_it(unpainted, a
      ("f: 1, omega: {start: 2.3, stop: 2.5, num: 3}, R: [0.7, 0.8]", ["omega=2.4:2.5", "R=0.7:1"]),
      ("omega: 2.5, f: [1, 1.7e+308]", ["f=1.7e308:1.75e308"])],
 )  # fmt: skip
-def test_a_piece_before_which_no_point_has_a_state_begins_from_the_start(unpainted, axes, pieces):
+def test_a_piece_before_which_no_point_has_a_state_begins_from_the_start(undrawn, axes, pieces):
     Path("whole.yaml").write_text(
         f"oscillator: {{h: 0, {'' if 'R' in axes else 'R: 0.8, '}{axes}}}\n"
         f"follow: {{axis: {pieces[0].partition('=')[0]}, direction: up}}\n"
         "start: {x0: -1}\nrecord: {transient: 5, periods: 4}\n"
     )
     call("run", "whole.yaml", "--quiet")
-    call("zoom", "whole.h5", *pieces, "-o", "piece.h5")  # there is no picture of f = 1.75e308
+    accepted("zoom", "whole.h5", *pieces, "-o", "piece.h5")
     with sweeps.open_sweep("piece.h5") as opened:
         assert opened["x0"] == -1.0

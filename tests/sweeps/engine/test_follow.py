@@ -26,7 +26,7 @@ from tests.helpers.interruptions import wait_until
 from tests.helpers.oscillators import bifurcation
 from tests.helpers.places import CONFIGS
 from tests.helpers.sweep_files import data, run_and_read
-from vibroimpact import Oscillator, Status, integrate, one_impact_orbit
+from vibroimpact import Oscillator, Status, integrate
 from vibroimpact.points import computation
 from vibroimpact.step.recorder import trajectories
 from vibroimpact.step.scheme import scheme_of
@@ -219,20 +219,6 @@ def test_the_scene_shows_hysteresis_between_grazes_and_folds(hysteresis):
         assert inside.max() == pytest.approx(high, abs=1.5 * step)
     assert [round(value, 4) for value in (*fold, *graze)] == [0.5251, 1.6504, 0.5795, 1.2861]
     assert (up != down).sum() == pytest.approx((1.6504 - 1.2861 + 0.5795 - 0.5251) / step, abs=4)
-
-
-def test_only_the_way_up_reaches_the_closed_form_branch_beyond_the_graze(hysteresis):
-    beyond = hysteresis.sel(omega=slice(1.29, 1.64))
-    for value in beyond["omega"].values[::25]:
-        exact = one_impact_orbit(Oscillator(h=0.05, R=0.8, omega=value, f=1.0, clearance=1.5)).v
-        found = beyond["impact_v"].sel(omega=value, direction="up").dropna("impact")
-        assert len(found) == 60
-        np.testing.assert_allclose(found, exact, rtol=1e-11)
-    free = beyond["poincare_x"].sel(direction="down")
-    w = beyond["omega"].values
-    D = (1.0 - w**2) ** 2 + 4.0 * 0.05**2 * w**2
-    # x_p = Im(-f e^(i w t) / (1 - w^2 + 2 i h w)) at w t = 0, to what 200 periods of decay leave.
-    np.testing.assert_allclose(free, np.broadcast_to(2 * 0.05 * w / D, free.T.shape).T, atol=1e-9)
 
 
 def test_an_interrupted_run_goes_on_to_the_same_data(stop_after, monkeypatch, capsys):

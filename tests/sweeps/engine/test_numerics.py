@@ -6,8 +6,6 @@ a change. A sweep along f is computed once and scaled if the motion is proportio
 
 import math
 import shutil
-import subprocess
-import sys
 from dataclasses import asdict, replace
 from pathlib import Path
 
@@ -129,36 +127,6 @@ def test_only_code_is_in_its_name(old, new, same):
     edited = SOURCE.replace(old, new)
     assert edited != SOURCE
     assert (name_of({"a.py": SOURCE.encode()}) == name_of({"a.py": edited.encode()})) is same
-
-
-def resumed(folder, *names):
-    """Resume complete files with the code of a folder, in a separate process."""
-    script = (
-        "import sweeps, sys\n"
-        "from pathlib import Path\n"
-        "from sweeps import load_config\n"
-        "from sweeps.store.schema import Schema\n"
-        "from sweeps.store.writer import sweep_writer\n"
-        f"assert sweeps.__file__.startswith({str(folder)!r}), sweeps.__file__\n"
-        "for name in sys.argv[1:]:\n"
-        "    config = load_config(f'{name}.yaml')\n"
-        "    text = config.to_yaml(table=False)\n"
-        "    schema = Schema.of(config.sweep, 128, name, text, {}, config.column_units)\n"
-        "    with sweep_writer(Path(f'{name}.h5'), resume=True) as writer:\n"
-        "        writer.begin(schema)\n"
-    )
-    environment = {"PYTHONPATH": str(folder), "HOME": str(folder)}
-    command = [sys.executable, "-c", script, *names]
-    return subprocess.run(command, capture_output=True, text=True, env=environment)
-
-
-def test_the_same_code_in_another_place_goes_on_with_a_file(tmp_path):
-    for package in (PHYSICS, ENGINE):
-        shutil.copytree(package, tmp_path / package.name, ignore=shutil.ignore_patterns("*.pyc"))
-    for name, text in SWEEPS.items():
-        run_sweep(load(text, path=f"{name}.yaml"), f"{name}.h5")
-    ended = resumed(tmp_path, *SWEEPS)
-    assert ended.returncode == 0, ended.stderr
 
 
 def test_a_computation_that_differs_is_named():

@@ -113,7 +113,7 @@ def one_failing(which, error):
         yield made
 
 
-@at_every(5)
+@at_every(8)
 def test_whichever_call_fails_a_resumed_run_loses_nothing(step):
     fill_blocks("whole.h5", plan=FOUR_BLOCKS)
     whole = data("whole.h5")
@@ -143,7 +143,7 @@ def test_whichever_call_fails_a_resumed_run_loses_nothing(step):
     assert refused > 4
 
 
-@at_every(5)
+@at_every(8)
 @pytest.mark.parametrize("blocks", [2, None])
 def test_whichever_call_fails_a_reader_sees_all_that_is_there_or_is_refused(blocks, step):
     fill_blocks("out.h5", blocks, plan=FOUR_BLOCKS)
@@ -234,7 +234,7 @@ def intruded(which, late, place, link, **options):
     return len(made) > which
 
 
-SOME = pytest.param(797, slice(None, None, 5), marks=pytest.mark.slow)
+SOME = pytest.param(797, slice(None, None, 11), marks=pytest.mark.slow)
 ALL = [pytest.param(1, slice(n, n + 1), marks=pytest.mark.campaign) for n in range(30)]
 
 
@@ -359,7 +359,7 @@ def moments(monkeypatch, tmp_path):
     return disk.moments
 
 
-@at_every(9)
+@at_every(14)
 def test_a_loss_of_power_costs_no_block_of_more_than_a_second_ago(moments, tmp_path, step):
     fill_blocks("whole.h5", plan=FOUR_BLOCKS)
     whole = data("whole.h5")

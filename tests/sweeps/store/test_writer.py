@@ -39,18 +39,6 @@ def resumed(whole, **options):
     assert os.listdir() == ["out.h5"]
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("compressed", [False, True])
-def test_a_resumed_sweep_ends_with_the_same_data(whole, compressed):
-    for blocks in (0, 1, 2, 0):
-        fill_blocks("out.h5", blocks, compressed, resume=True)
-    assert done_of("out.h5", whole) == 6
-    resumed(whole, compressed=compressed)
-    before = Path("out.h5").read_bytes()
-    resumed(whole)  # nothing is left to do
-    assert Path("out.h5").read_bytes() == before
-
-
 def test_an_incomplete_sweep_keeps_its_own_blocks():
     fill_blocks("out.h5", 2)
     with begun("out.h5", schema(block_size=5), resume=True) as (_, pending):
