@@ -73,7 +73,11 @@ class Grid:
         return math.prod(self.shape)
 
     def blocks(self, size: int, unsplit: str | None = None) -> Iterator[Block]:
-        """Split the grid into boxes of at most `size` points, in C order; never along `unsplit`."""
+        """Split the grid into boxes of at most `size` points, in C order.
+
+        The boxes cover each point exactly once. All have the same shape, except those at the end of
+        the split axis. The axis `unsplit` is never split, even if it is longer than `size`.
+        """
         room = max(1, size // (1 if unsplit is None else len(self.axes[unsplit])))
         cuts_of_axes: list[list[slice]] = []
         # Backwards from the last axis: whole axes while they fit, then one axis in parts, and every

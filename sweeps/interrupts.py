@@ -145,8 +145,12 @@ def raised_by_check() -> Iterator[None]:
 
 @contextmanager
 def blocked_signals() -> Iterator[None]:
-    """Block signals in the threads and processes that are started: this one handles them."""
-    if not hasattr(signal, "pthread_sigmask"):  # on Windows workers end with this process
+    """Block signals in the threads that are started in the ``with`` block, and in their processes.
+
+    Ctrl-C in a terminal reaches all processes, but only this one should handle it. Windows has no
+    signal mask; there the workers end with this process.
+    """
+    if not hasattr(signal, "pthread_sigmask"):
         yield
         return
     from multiprocessing import resource_tracker

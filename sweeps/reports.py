@@ -101,7 +101,10 @@ def run_summary(path: Path, sweep: Sweep) -> tuple[str, bool]:
 
 
 def kept_text(path: Path, command: str, old: tuple[object, object] = (None, None)) -> str:
-    """Say what a run that ended early keeps, if not the `old` files, and how it continues."""
+    """Say what a run that ended early has kept, and which command continues it.
+
+    `old` are the `identities` of the files that the run would have overwritten.
+    """
     name = parts_path(path)
     try:
         (file, schema), counts = identities(path), finished_points(path)
@@ -158,7 +161,10 @@ def outcomes(variables: Mapping[Any, Any], impact: str) -> str:
 def destinations_text(
     results: Mapping[str, np.ndarray], omega: np.ndarray, periods: int, impact: str
 ) -> list[str]:
-    """Say how many motions go where, and why this is unknown of others; empty without classes."""
+    """Say how many motions go where, and what is known of those of which this is unknown.
+
+    `results` are those of `regimes_of`, with ``orbit_distance``; empty if there are no classes.
+    """
     if "class_evidence" not in results or not has_result(results["status"]).any():
         return []
     regimes = regimes_of(results, omega, periods)

@@ -31,6 +31,7 @@ import xarray as xr
 
 from sweeps.attractor.tracking import (
     EXTENSIONS,
+    joined_by,
     lead_to_each_other,
     mutually_nearest,
     settle,
@@ -233,7 +234,11 @@ def _by_rank(
 def attractors_of(
     motions: np.ndarray, parameter: np.ndarray, spec: RunSpec, tolerance: float = ORBIT_TOLERANCE
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return a motion on each attractor, and the attractor of each motion, -1 for none."""
+    """Return a motion on each attractor, and the attractor of each motion, -1 for none.
+
+    `parameter` are the parameter points of the `motions`. Periodic motions are on one attractor if
+    their parameter points, m and q agree, and their orbits; of all others, those of one regime are.
+    """
     rows = np.flatnonzero(motions["regime"] > Regime.FAILED)
     motion, at = motions[rows], parameter[rows]
     periodic, points = motion["regime"] == Regime.PERIODIC, motion["point"]
@@ -263,12 +268,15 @@ def attractors_of(
 def same_motions(
     cycles: Cycles, group: np.ndarray, tolerance: float = ORBIT_TOLERANCE
 ) -> np.ndarray:
-    """Return for each cycle the first of its `group` to which a chain of near cycles leads."""
+    """Return for each cycle the index of the first that is the same motion, shape (n,).
+
+    Cycles of one number in `group` are the same motion if they are within `tolerance`, or are
+    connected by a chain of such cycles. So the result does not depend on the order of the cycles,
+    and no arbitrary boundary separates cycles that converge to the same motion.
+    """
     count = len(group)
     if len(np.unique(group)) == count:
         return np.arange(count)
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
     from scipy.spatial import KDTree
 
     # The mean of the states, after an impact, does not depend on the state at which a cycle begins;
@@ -283,10 +291,7 @@ def same_motions(
     a, b = np.repeat(np.arange(count), list(map(len, near))), np.concatenate(near).astype(int)
     a, b = a[a != b], b[a != b]
     equal = distances(cycles, a, b) <= tolerance
-    pairs = tuple(column[equal].astype(np.int32) for column in (a, b))  # SciPy 1.11 needs int32
-    graph = coo_array((equal[equal], pairs), (count, count))
-    # Chains draw no arbitrary boundary, and do not depend on the order of the cycles.
-    number = connected_components(graph, directed=False)[1]
+    number = joined_by(count, a[equal], b[equal])
     return np.unique(number, return_index=True)[1][number]
 
 

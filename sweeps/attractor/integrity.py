@@ -115,7 +115,11 @@ def measures_of(
     clearance: float,
     states: np.ndarray,
 ) -> tuple[float, ...]:
-    """Return the ``_BASIN_MEASURES`` of a `basin` over x and v, whose attractor has `states`."""
+    """Return the measures, in the order of ``_BASIN_MEASURES``, of an attractor with states (n, 2).
+
+    `basin` is the mask of the starts in its basin, over the increasing, evenly spaced values of x
+    and v.
+    """
     from scipy.ndimage import distance_transform_edt
     from scipy.spatial import KDTree
 

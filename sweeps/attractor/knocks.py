@@ -202,8 +202,11 @@ class _Attractors:
         return rows
 
     def _try(self, home: int, phase: float, states: np.ndarray, changes: np.ndarray) -> Knock:
-        """Return the knock of the first harmful change, of infinite size if none is harmful."""
-        # The states of successive periods; each row of changes begins with a harmless one.
+        """Return the knock of the first harmful size, or one of infinite size if none is harmful.
+
+        `states`, shape (n, 2), are the motion at this phase in successive forcing periods. Each row
+        of `changes`, shape (k, sizes), has changes of velocity that start with a harmless one.
+        """
         knocked = states[:, None, None] + np.stack([np.zeros_like(changes), changes], axis=2)
         destinations = self._destinations(phase % math.tau, knocked.reshape(-1, 2))
         number, certified = (values.reshape(knocked.shape[:3]) for values in destinations)
@@ -237,7 +240,10 @@ class _Attractors:
         return knock
 
     def _search(self, home: int, phase: float, near: float, zoom: float = 1.0) -> Knock:
-        """Return the least harmful knock at a phase, sought nearer to `near` the larger `zoom`."""
+        """Return the least harmful knock at a phase, to 1e-7 of it, or one of infinite size.
+
+        It is sought near the size `near`, the more closely the larger the `zoom`.
+        """
         sizes = near * np.array([0.0, *(1.0 + _NEAR_SIZES / zoom)])
         return self._narrow(home, self._scan(home, phase, sizes), 1e-7)
 

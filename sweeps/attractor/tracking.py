@@ -62,7 +62,12 @@ _POINTS_AT_ONCE = 4_000
 def settle(
     motions: np.ndarray, sweep: OpenedSweep, parameter: np.ndarray, extensions: int
 ) -> np.ndarray:
-    """Continue `motions` that go to no known attractor to where they go; return which these are."""
+    """Continue motions that go to no known attractor, and write the regimes and orbits they reach.
+
+    Motions of `motions`, of dtype ``MOTION``, shape (n,), that are not periodic get their last
+    states as starts. `parameter` is the parameter point of each. Returns the mask of those that
+    were continued.
+    """
     regime, continued = motions["regime"], np.zeros(len(motions), bool)
     without = (regime != Regime.PERIODIC) & (regime > Regime.FAILED)
     if not without.any():
@@ -173,19 +178,28 @@ _SEED_PERIODS = 500
 Links = Callable[[np.ndarray, np.ndarray], np.ndarray]
 
 
-def track(shape: tuple[int, ...], point: np.ndarray, near: Links, seeded: Links) -> np.ndarray:
-    """Return a number from 0 for each attractor, the same for those that continue each other."""
+def joined_by(count: int, a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Return for each of `count` things the number of its group; pairs `a`, `b` join groups."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 
-    count = len(point)
+    pairs = a.astype(np.int32), b.astype(np.int32)  # SciPy 1.11 needs int32
+    graph = coo_array((np.ones(len(a)), pairs), (count, count))
+    numbers: np.ndarray = connected_components(graph, directed=False)[1]
+    return numbers
+
+
+def track(shape: tuple[int, ...], point: np.ndarray, near: Links, seeded: Links) -> np.ndarray:
+    """Return a number from 0 for each attractor, the same for those that continue each other.
+
+    `shape` is the shape of the grid of parameter points, and `point` the index of that of each
+    attractor, increasing. `seeded` is asked where `near` finds no link along the longest axis.
+    """
     longest = int(np.argmax(shape))
     gap = max(1, int(MAX_GAP * shape[longest]))
     over = [(1, near), (1, seeded), *((step, near) for step in range(2, gap + 1))]
     a, b = _along(shape, point, longest, over)
-    pairs = a.astype(np.int32), b.astype(np.int32)  # SciPy 1.11 needs int32
-    linked = coo_array((np.ones(len(a)), pairs), (count, count))
-    chain = connected_components(linked, directed=False)[1]
+    chain = joined_by(len(point), a, b)
     others = (axis for axis in range(len(shape)) if axis != longest)
     borders = [chain[_along(shape, point, axis, [(1, near)])] for axis in others]
     return _joined_chains(chain, point, np.concatenate(borders, axis=1)) if borders else chain
@@ -194,7 +208,10 @@ def track(shape: tuple[int, ...], point: np.ndarray, near: Links, seeded: Links)
 def _along(
     shape: tuple[int, ...], point: np.ndarray, axis: int, links: Sequence[tuple[int, Links]]
 ) -> np.ndarray:
-    """Return the pairs linked along an axis, shape (2, n), at most one per side of an attractor."""
+    """Return the pairs linked along an axis, shape (2, n); an attractor has at most one per side.
+
+    The `links` are tried one after the other, each between values that are some steps apart.
+    """
     stride = int(np.prod(shape[axis + 1 :], dtype=np.int64))
     at = point // stride % shape[axis]
     free = np.tile(np.bincount(point)[point] <= MOST_TRACKED, (2, 1))  # without a link on a side

@@ -107,7 +107,13 @@ class Scene:
     def errors(
         self, truth: Mapping[str, np.ndarray], run: Mapping[str, np.ndarray]
     ) -> dict[str, float]:
-        """Return the RMS errors of a run by kind, with keys in ``ORBIT_ERRORS``."""
+        """Return the RMS errors of a run by kind, with keys in ``ORBIT_ERRORS``.
+
+        States are compared directly or through an impact. Every true impact is compared with the
+        impact found at the nearest phase. If none was found, it counts as half a period late and as
+        without speed. The section of a failed run has the error NaN. Errors of impacts are left out
+        if there are no true impacts. Rows of further copies in the run are ignored.
+        """
         n = len(self.points)
         R, omega, clearance = (self.points[name] for name in ("R", "omega", "clearance"))
         end, true_end = (
@@ -122,7 +128,7 @@ class Scene:
         real = np.isfinite(phase)
         delay = run["impact_phase"][:n, None, :] - phase[:, :, None]
         delay = np.abs((delay + math.pi) % (2.0 * math.pi) - math.pi)
-        delay = np.where(np.isnan(delay), math.pi, delay)  # none was found
+        delay = np.where(np.isnan(delay), math.pi, delay)
         nearest = delay.argmin(axis=2)
         found_v = np.nan_to_num(np.take_along_axis(run["impact_v"][:n], nearest, axis=1))
         with np.errstate(all="ignore"):
@@ -179,7 +185,12 @@ SCENES = (*REGULAR, CHATTER_SCENE, GRAZING)
 
 
 def of_sweep(config: SweepConfig) -> Scene:
-    """Return points spread over a sweep, each from the state at the end of its record."""
+    """Return points spread over a sweep, each from the state at the end of its record.
+
+    They are followed for one forcing period: over a longer time the errors of chaotic motions would
+    say nothing. Each point is computed from its own start. Raises Refused if no point can be
+    computed with exact impacts.
+    """
     points, spec = config.sweep.grid.spread(NEIGHBOURS), config.sweep.spec
     transient = spec.transient + spec.periods - 1
     try:
@@ -190,7 +201,6 @@ def of_sweep(config: SweepConfig) -> Scene:
     if not good.any():
         raise Refused(f"{config.name} has no point that exact impacts can be found for")
     points["x0"], points["v0"] = last["poincare_x"][:, 0], last["poincare_v"][:, 0]
-    # Over more than one forcing period the errors of chaotic motions would say nothing.
     return Scene(
         f"sweep {config.name}", points[good], 1, spec.phase, impacts=4, at_section=True, timed=20
     )
@@ -226,7 +236,14 @@ def measure_methods(
     threads: int | None = None,
     report: Callable[[float], object] = lambda share: None,
 ) -> pd.DataFrame:
-    """Measure the errors and the cost of every method, a row for each error."""
+    """Measure the errors and the cost of every method, a row for each error.
+
+    The columns are ``scene``; ``error_kind``, as in `Scene.errors`; ``integrator`` and ``impact``,
+    for a peer its name and ``events``; ``steps_per_period``, missing if the solver chooses them;
+    ``tolerance``, only for a peer; ``error``, dimensionless, NaN or inf if the method failed; and
+    ``seconds_per_period``, per forcing period. `threads` are those of the kernel; peers use one.
+    `report` is given the share that is done.
+    """
     runs = list(_runs(plan))
     rows: list[tuple] = []
     failed: set[tuple] = set()

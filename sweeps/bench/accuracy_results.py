@@ -66,7 +66,11 @@ def main_scene(measured: pd.DataFrame) -> str:
 
 
 def measured_order(steps: Sequence[int], errors: Sequence[float], floor: float = 0.0) -> float:
-    """Return minus the slope of log error over log steps; NaN for fewer than three errors."""
+    """Return minus the slope of log error over log steps, by least squares, from coarse to fine.
+
+    Only errors ten times above `floor`, the error of the reference, are fitted; NaN if fewer than
+    three are left.
+    """
     e = np.array(errors)
     good = np.flatnonzero((e > _ABOVE_FLOOR * floor) & (e < _LARGEST) & (e > 0.0))[-_FITTED:]
     if len(good) < 3:

@@ -111,7 +111,11 @@ def installed(peer: str) -> bool:
 def run_peer(
     peer: str, points: np.ndarray, periods: int, phase: float, tolerance: float
 ) -> tuple[dict[str, np.ndarray], float]:
-    """Run points to a section; return results as of `integrate`, and the seconds per period."""
+    """Run points from omega t = 2 pi to the section at `phase` after so many forcing periods.
+
+    Returns results as of `integrate`, with NaN as the deepest penetration, and the seconds per
+    forcing period: the best of several runs, without the preparation.
+    """
     points = with_one_force(points)
     steps = 2 * default_steps(points, "exact")
     first = integrate(points, steps_per_period=steps, transient=0, periods=1)

@@ -119,7 +119,10 @@ def _row(changes: pd.DataFrame, item: Mapping[str, Any]) -> list[str]:
 
 
 def _pair(item: Mapping[str, Any]) -> str:
-    """Write the classes in the order of the axis, with the arrow in which the motion changes."""
+    """Write the classes in the order of the axis; the arrow points where the line was followed.
+
+    At a subcritical flip it leads away from the stable orbit, from which the motion jumps.
+    """
     before, after = str(item["before"]), str(item["after"])
     back = item["down"]
     if item["criticality"] == "subcritical" and item["orbit"] in (before, after):

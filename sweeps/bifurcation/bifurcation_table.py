@@ -130,7 +130,13 @@ def find_bifurcations(
     keep: Callable[[Callable[..., xr.Dataset]], Callable[..., xr.Dataset]] = lambda find: find,
     **chosen: Any,
 ) -> pd.DataFrame:
-    """Return the table of `bifurcations` with a `Label` for each class, and what a report needs."""
+    """Return the table of `bifurcations` with a `Label` for each class, and three columns more.
+
+    ``down`` says whether the line was followed downwards, and ``narrow`` whether the branch of a
+    bifurcation is stable over less than 1 % of the axis. ``place`` is the value by which rows are
+    in order. `keep` makes of a function one that keeps what it finds. Further attributes are
+    ``others``, the names of the other axes, and ``heads``, their heads and that of the axis.
+    """
     import pandas as pd
 
     (along,) = sweep.chosen_axes([] if axis is None else [axis], at, 1, "list of bifurcations")
@@ -158,8 +164,6 @@ def find_bifurcations(
         lines = list(dict.fromkeys(tuple(row[name] for name in others) for row in rows))
         rows.sort(key=lambda row: (lines.index(tuple(row[name] for name in others)), row["place"]))
     names = [name for name in TABLE_COLUMNS if name != "source"]
-    # Whether the line was followed downwards, whether the branch of a bifurcation is stable over
-    # less than 1 % of the axis, and the value by which rows are in order.
     table = pd.DataFrame(rows, columns=[*others, *names, "down", "narrow", "place"])
     numbers = ("value", "low", "high", "place", "x", "v", "multiplier_1", "multiplier_2")
     table = table.astype({**dict.fromkeys(numbers, float), "between": int})
@@ -174,7 +178,11 @@ def find_bifurcations(
 def explained_changes(
     data: OpenedSweep, along: str, sections: xr.Dataset | None, report: Callable[[float], object],
 ) -> xr.Dataset:  # fmt: skip
-    """Return the rows for the changes of class on every line, each class as three integers."""
+    """Return the rows for the changes of class on every line, each class as a triple of integers.
+
+    Changes are explained with values of the model, and then converted to the units of the axis.
+    Crises are sought if there are `sections`. The attribute is the number of unclassified points.
+    """
     others = [name for name in data.grid if name != along]
     spec, nomenclature, parameter = data.spec, data.nomenclature, data.nomenclature.parameter(along)
     motions, coordinates = data.motions, data.data.coords.to_dataset()

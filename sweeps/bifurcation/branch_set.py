@@ -153,13 +153,18 @@ _CHECKS = 2
 def with_short_chords(
     path: Branch, low: float, high: float, y_of: Callable[[Orbits], np.ndarray], tolerance: float
 ) -> Branch:
-    """Return a branch with enough points that its plotted curve stays close to their chords."""
+    """Return a branch with enough points that its plotted curve stays close to their chords.
+
+    `y_of` returns the ordinates of n orbits in the plot over the parameter, as shares of the
+    plotted ranges, shape (n, k). They stay within `tolerance` of a chord, and a jump lies between
+    two points that are as close together. Between such points nothing is looked for.
+    """
     (name,) = path.parameters
     osc = replace(path.oscillator, **{name: float(path.values[0])})
     orbit = PeriodicOrbit(osc, path.m, path.phases[0], path.speeds[0])
     family = OrbitFamily(orbit, (ContinuationParameter(name, low, high),))
     X = family.unknowns(path.phases, path.speeds, path.values[:, None])
-    y = y_of(path.orbits)  # ordinates as shares of the plotted ranges, shape (n, k)
+    y = y_of(path.orbits)
     position = np.arange(len(X), dtype=float)  # along the branch
     begin, end = np.arange(len(X) - 1), np.arange(1, len(X))
     checks = np.full(len(begin), _CHECKS)  # of each chord that are left

@@ -94,7 +94,13 @@ class Explanation(NamedTuple):
 def explain(
     motions: np.ndarray, phase: float, axis: str, values: np.ndarray, change: Change, down: bool
 ) -> list[tuple[Change, Explanation]]:
-    """Return a change with its explanation, or the changes to and from an unknown class."""
+    """Return a change with its explanation.
+
+    `motions` are those at the `values` of the axis, a parameter of the model, and `phase` is that
+    of their section.
+    If points of unknown class lie between, and no bifurcation leads from one class to the other,
+    the change from the first class to an unknown one and that to the last class are returned.
+    """
     if axis in START_AXES:
         return [(change, Explanation("basin"))]
     low, high = motions[np.searchsorted(values, [change.low, change.high])]
@@ -136,7 +142,11 @@ def _is_joined(change: Change, first: Explanation, second: Explanation, near: fl
 
 
 def _open(values: np.ndarray, change: Change, value: float, *, after: bool) -> Change:
-    """Return the change between a class and the first unknown point beyond a value."""
+    """Return the change between a class and the points of unknown class `after` or before it.
+
+    It ends at the first of these points that lies beyond the exact value, if this is known. If all
+    lie before the value, it is the whole change.
+    """
     inside = values[(values > change.low) & (values < change.high)]
     beyond = inside
     if np.isfinite(value):
@@ -164,7 +174,11 @@ def _onward(motion: np.void, other: np.void, phase: float, axis: str) -> Explana
 
 
 def cells_of_change(classes: np.ndarray, regimes: np.ndarray) -> np.ndarray:
-    """Return the two cells of every change along a row or a column, shape (changes, 2, 2)."""
+    """Return the two cells of every change along a row or a column, shape (changes, 2, 2).
+
+    `classes` are m and q of each cell, 0 if it is not periodic. The cells between the two have no
+    class, or are chaotic: a known rest or a motion without bound ends the search.
+    """
     classified = np.argwhere(np.isin(regimes, [Regime.PERIODIC, Regime.REST, Regime.UNBOUNDED]))
     changes = [np.empty((0, 2, 2), int)]
     for axis in (0, 1):

@@ -125,7 +125,11 @@ def branches_of(
     classes: Collection[tuple[int, int]] = (),
     most: int = MOST_BRANCHES,
 ) -> xr.Dataset:
-    """Follow the orbits of lines of ``MOTION`` along an axis; return the Dataset of `branches`."""
+    """Follow the orbits of motions along one axis, and return the Dataset of `branches`.
+
+    Each line has motions of dtype ``MOTION`` at increasing values of the axis, a parameter of the
+    model; `phase` is that of their section.
+    """
     low = min(float(line["point"][axis][0]) for line in lines)
     high = max(float(line["point"][axis][-1]) for line in lines)
     search = partial(report, 0.0)
@@ -148,7 +152,11 @@ def branches_of(
 
 
 def _seeds(lines: Sequence[np.ndarray]) -> list[tuple[np.void, int]]:
-    """Return the middle motion and the length of each run, the longest run of each class first."""
+    """Return the middle motion and the length of each run of a class, in the order to follow.
+
+    The longest runs of all classes come first, in the order of the frequency of the classes; then
+    come the second longest runs, and so on.
+    """
     points: Counter[tuple[int, int]] = Counter()
     runs = []
     for line in lines:
@@ -235,7 +243,11 @@ def _smooth(tree: BranchSet, phase: float, report: Callable[[float], object]) ->
 def with_special_points(
     paths: Sequence[Branch], noun: str, special: str, axes: Sequence[str]
 ) -> xr.Dataset:
-    """Return the points of branches or curves, each followed by its special points."""
+    """Return the points of branches or curves along ``point``, each followed by its special points.
+
+    The variable `noun` is the number of the branch or curve, and `special` the kind of a special
+    point. The attributes are the parameters that all have in common.
+    """
     numbers, kinds, values = list[int](), list[str](), list[Any]()
     for number, item in enumerate(paths):
         values += [*item.values, *(point.value for point in item.special)]

@@ -55,7 +55,11 @@ class _UnaskedError(OrbitError):
 
 
 class CurveSearch:
-    """The search for the curves of one map, of the `chosen` classes, if any, and `kinds`."""
+    """The search for the curves of one map, of the `chosen` classes, if any, and `kinds`.
+
+    `motions`, of dtype ``MOTION``, are at the `values` of two `axes`, parameters of the model, and
+    `phase` is that of their section.
+    """
 
     def __init__(
         self,

@@ -175,7 +175,12 @@ def _state_before(sweep: OpenedSweep, pieces: Mapping[str, Limits]) -> dict[str,
 
 
 def zoomed(config: SweepConfig, pieces: Mapping[str, Limits]) -> SweepConfig:
-    """Return the same sweep over pieces (low, high) of its axes, with as many points along each."""
+    """Return the same sweep over pieces (low, high) of its axes, with as many points along each.
+
+    A range keeps its linear or logarithmic spacing; a list becomes a linear range. The number of
+    steps per period is raised if exact impacts need more steps beyond the ends of the sweep. Raises
+    Refused if an axis is not swept, and ConfigError if the sweep is not valid over a piece.
+    """
     from sweeps.config.loading import load_config
     from sweeps.yaml_text import yaml_mapping
 

@@ -34,7 +34,10 @@ _UNSTABLE = "method.allow_unstable: true"
 
 
 def with_defaults(config: SweepConfig) -> SweepConfig:
-    """Return a configuration with the steps per period and the units that its groups determine."""
+    """Return a configuration with the steps per period and the units that its groups determine.
+
+    Its keys have no `conflicts`. Raises ConflictError if its points and sizes are not allowed.
+    """
     axes = config.parameters()
     points = _extreme_points(config, axes)
     _refuse_points(config, points)

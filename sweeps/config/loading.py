@@ -87,7 +87,12 @@ def parse_config(
     overrides: Sequence[str] = (),
     table: Mapping[str, np.ndarray] | None = None,
 ) -> SweepConfig:
-    """Read a configuration from YAML text, whose table of points a sweep file stores apart."""
+    """Read the configuration of a sweep from YAML text, as `load_config` does from a file.
+
+    `origin` tells errors where the text comes from. `name` is the name of the sweep if the text
+    gives none. A sweep file stores its `table` of points apart from the text, with columns of the
+    model that were made from those of a rig; these are left out.
+    """
     data, sources = _parse(text, origin)
     if table:
         derived = derived_columns(table, data["rig"]) if "rig" in data else set()

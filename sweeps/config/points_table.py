@@ -35,7 +35,12 @@ NamesCheck = Callable[[list[str]], Mapping[str, Parameter]]
 
 
 def read_points(source: Any, folder: Path, *, of_rig: bool) -> np.ndarray:
-    """Read a table into a structured array of shape (rows,), with a field for every column."""
+    """Read a table into a structured array of shape (rows,), with a field for every column.
+
+    `source` is a CSV file (relative to `folder`), a mapping of columns, a DataFrame or a structured
+    array. Columns of parameters, of the rig too if there is one, must hold valid numbers; further
+    columns hold numbers or texts. A ValueError names the column and the row, counted from 1.
+    """
     parameters = {**PARAMETERS, **(RIG_PARAMETERS if of_rig else {})}
     return read_columns(source, folder, partial(_check_names, parameters=parameters))
 

@@ -173,13 +173,17 @@ class RigConfig(ParameterConfig):
         return result
 
     def in_si(self, name: str, value: Any, mass: Any = None) -> Any:
-        """Convert a quantity of the model; what was made from a number of the rig is that."""
+        """Convert a quantity of the model; what was made from a value of the rig gives that back.
+
+        The formula alone gives it back up to rounding: 14.999999999999998 Hz for 15 Hz. A `mass`
+        that is a column is given with the values.
+        """
         quantity = QUANTITIES[name]
         if mass is not None and name in _PER_MASS:
             typed = getattr(self, quantity.name)
             is_number = not isinstance(typed, Elsewhere)
             return np.full_like(value, typed) if is_number else quantity.in_si(mass, value)
-        converted = quantity.in_si(self.mass, value)  # as 14.999999999999998 Hz for 15 Hz
+        converted = quantity.in_si(self.mass, value)
         typed = getattr(self, quantity.name, None)
         if typed is None or isinstance(typed, Elsewhere):  # a result, or a column of the model
             return converted

@@ -56,7 +56,12 @@ def linear(start: float, stop: float, num: int) -> np.ndarray:
 
 
 def steps_to(start: float, stop: float, step: float) -> tuple[float, int]:
-    """Return the last value, `stop` within `_NEAR` of a step, and the number of values."""
+    """Return the last value and the number of values from `start` in steps towards `stop`.
+
+    The last value is `stop` if it lies within a thousandth of a step, so that rounding never
+    decides whether it is included; otherwise the last one before it. The numbers are taken as the
+    decimal ones that were typed. ValueError if no step leads from `start` towards `stop`.
+    """
     first, end, rise = (Fraction(repr(value)) for value in (start, stop, step))
     if not rise:
         raise ValueError("has step: 0, which leads nowhere")
@@ -124,7 +129,10 @@ def as_integer(value: object) -> int:
 
 
 def ordered(values: tuple[float, ...]) -> tuple[float, ...]:
-    """Return the values of an axis, sorted unless they decrease; refuse none, and repeated ones."""
+    """Return the values of an axis, sorted unless they decrease; refuse none, and repeated ones.
+
+    Pictures, and xarray's choice of the nearest value, need an axis in order.
+    """
     if not values:
         raise ValueError("is empty")
     rising = sorted(values)

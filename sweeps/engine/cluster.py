@@ -66,7 +66,12 @@ def check_address(address: str) -> None:
 
 @contextmanager
 def connected(address: str) -> Iterator[Client]:
-    """Yield a client of the cluster at a checked address, and silence all loggers meanwhile."""
+    """Yield a client of the cluster at an address, and silence all loggers meanwhile.
+
+    `check_address` must have accepted the address: ``tls:`` takes the certificates of Dask's own
+    configuration, and ``local:N`` starts N processes, and ends them. Raises Refused if Dask is not
+    installed or no scheduler accepts the connection.
+    """
     try:
         import distributed
     except ImportError:
@@ -143,7 +148,12 @@ def _refuse_silence(address: str) -> None:
 
 @contextmanager
 def _processes(number: int) -> Iterator[LocalCluster]:
-    """Start workers that only this run can reach; at the end, kill them even in a task."""
+    """Start workers with one thread each; at the end, kill them even in the middle of a task.
+
+    Anybody who can connect to a Dask scheduler or worker can run code there. Therefore these
+    processes communicate with a certificate that is made for this run and never leaves them, and
+    they serve no web pages.
+    """
     import dask
     from distributed import LocalCluster
     from distributed.security import Security
@@ -161,7 +171,6 @@ def _processes(number: int) -> Iterator[LocalCluster]:
         "distributed.scheduler.http.routes": [],
         "distributed.worker.http.routes": [],
     }
-    # Anybody who can connect to a scheduler or worker of Dask can run code there.
     with dask.config.set(settings), ExitStack() as stack:
         with blocked_signals():
             cluster = stack.enter_context(
@@ -217,17 +226,11 @@ _BLOCKS_PER_CORE = 20
 _KERNEL_LOCK = threading.Lock()
 
 
-def is_client(value: object) -> bool:
-    """Whether a value is a Dask client; nothing is if Dask is not installed."""
-    try:
-        from distributed import Client
-    except ImportError:
-        return False
-    return isinstance(value, Client)
-
-
 class ClusterComputer:
-    """Computes blocks on the workers of a synchronous Dask client, which have its numerics."""
+    """Computes blocks on the workers of a synchronous Dask client, which stays open.
+
+    Raises Refused if a worker has another version of the numerics, or none.
+    """
 
     threads = 1  #: Threads of a trial on this machine.
 
@@ -260,7 +263,11 @@ class ClusterComputer:
         blocks: Iterable[Block],
         advance: Callable[[int], object] = lambda points: None,
     ) -> Generator[tuple[Block, Results], None, None]:
-        """Yield every block with its results as they arrive; close the generator."""
+        """Yield every block with its results as they arrive, and report its points to `advance`.
+
+        A caller that stops early must close the generator. Blocks of a lost worker are computed
+        again. Raises Failed if the scheduler is lost or a block cannot be computed.
+        """
         from sweeps.engine.executors import submit_blocks  # with the compiler
 
         numerics, executor = _local_numerics(), self._client.get_executor(pure=False)

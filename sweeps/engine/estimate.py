@@ -90,7 +90,12 @@ def expected_cost(
 def block_size(
     sweep: Sweep, at_impacts: float = 0.0, *, least: int = 1, blocks: int = _BLOCKS
 ) -> int:
-    """Return the number of grid points per block: few enough to fit memory and show progress."""
+    """Return the number of grid points per block: few enough to fit memory and to show progress.
+
+    The memory is that of this machine, even if others compute. A block has at least `least` points
+    if they fit into it, and a sweep at least `blocks` blocks if each can have two full sets of
+    lanes. Raises StoreError if there is not enough memory for one point, or one chain of points.
+    """
     spec, (chain, memory, lanes) = sweep.spec, _chain(sweep, at_impacts)
     smallest, directions = "one point", " and ".join(spec.directions)
     if spec.followed:

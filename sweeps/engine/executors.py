@@ -33,9 +33,14 @@ def compute_block(
     threads: int | None,
     advance: Callable[[int], object] = lambda points: None,
 ) -> dict[str, np.ndarray]:
-    """Compute a block of a sweep; results have the shape (points of the block, ...), in C order."""
+    """Compute a block of a sweep; results have the shape (points of the block, ...), in C order.
+
+    If an axis is followed up and down, the block starts with a slice over the directions.
+    `advance` is called with the number of points computed since its last call: after every value of
+    a followed axis, otherwise once. `threads` is None for all; the results do not depend on it.
+    """
     grid, spec = sweep.grid, sweep.spec
-    block = block[len(block) - len(grid.axes) :]  # without the directions of a followed axis
+    block = block[len(block) - len(grid.axes) :]
     points = grid.points(block)
     if spec.followed is None:
         results = compute(spec, points, threads)

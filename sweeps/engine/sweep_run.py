@@ -20,7 +20,7 @@ from rich.table import Column
 
 from sweeps.config.loading import load_config
 from sweeps.config.sweep import SweepConfig
-from sweeps.engine.cluster import ClusterComputer, is_client
+from sweeps.engine.cluster import ClusterComputer
 from sweeps.engine.estimate import COMPILING_MEMORY, available_memory, expected_cost
 from sweeps.engine.executors import LocalComputer
 from sweeps.errors import Refused
@@ -40,10 +40,14 @@ if TYPE_CHECKING:
     from distributed import Client
 
 
+def _is_client(value: object) -> bool:  # nothing is one before Dask is imported
+    return isinstance(value, getattr(sys.modules.get("distributed"), "Client", ()))
+
+
 _ARGUMENTS = {
     "output": PATH,
     "threads": integer(1, ALL_THREADS),
-    "client": Allowed(is_client, "a distributed.Client"),
+    "client": Allowed(_is_client, "a distributed.Client"),
     **dict.fromkeys(("overwrite", "resume", "progress"), FLAG),
 }
 

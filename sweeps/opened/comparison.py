@@ -37,7 +37,13 @@ class Difference:
 def differences(
     first: xr.Dataset, second: xr.Dataset, rtol: float = 0.0, atol: float = 0.0
 ) -> Iterator[Difference]:
-    """Yield the difference of each variable and coordinate that both sweeps have."""
+    """Yield the difference of each variable and coordinate that both sweeps have.
+
+    Two values are equal if both are NaN, or if they differ by at most `atol` plus `rtol` times the
+    greater magnitude; integers and texts must be the same, and phases may differ by full turns. Of
+    trajectories, the samples that both sweeps have are compared. Raises Refused
+    if the axes or records have other sizes.
+    """
     _refuse_other_shapes(first, second)
     if _SAMPLE in first.dims and _SAMPLE in second.dims:
         width = min(data.sizes[_SAMPLE] for data in (first, second))

@@ -65,14 +65,20 @@ ORDINATES: Mapping[str, Variable] = {
 
 
 def coordinate_in(record: Mapping[Any, _Values], coordinate: str) -> _Values:
-    """Return a coordinate of a Dataset, or of results with ``clearance``."""
+    """Return a coordinate at the points of a sweep, recorded or computed from x.
+
+    `record` is a Dataset, or results by name and ``clearance``, which broadcasts against x.
+    """
     if coordinate != "poincare_height":
         return record[coordinate]
     return -record["poincare_x"] + record["clearance"]  # with the dimensions of x in their order
 
 
 def orbit_coordinates(orbits: Orbits, phase: float) -> dict[str, np.ndarray]:
-    """Return the coordinates of orbits by name, in time order, shapes (n, m) and (n, q)."""
+    """Return the coordinates of orbits by name, in time order, shapes (n, m) and (n, q).
+
+    The phases of the impacts increase. `phase` is the phase of the section [rad].
+    """
     x, v = np.moveaxis(orbits.sections(phase), 2, 0)
     values = (x, v, orbits.points["clearance"][:, None] - x, orbits.speeds, orbits.phases)
     return dict(zip(COORDINATES, values, strict=True))
@@ -164,7 +170,10 @@ def periods_shown(m: int, most: int = MOST_PERIODS, unknown: int = 4) -> int:
 
 
 def motion_of(point: OpenedSweep, periods: int | None, most: int = MOST_DRAWN) -> PointMotion:
-    """Return the recorded motion of a point or, over some periods, the one after its record."""
+    """Return the recorded motion of a point or, over some periods, the one after its record.
+
+    Of a point without a recorded trajectory, the periods are as many as show its motion.
+    """
     if periods is None and not all(name in point for name in TRAJECTORIES):
         (label,) = point.labels
         periods = periods_shown(label.m if label else 0)
@@ -177,9 +186,13 @@ def motion_of(point: OpenedSweep, periods: int | None, most: int = MOST_DRAWN) -
 
 
 def _start_phase(point: OpenedSweep) -> float:
-    """Return omega t where the motion of a point began: at the start, or at a section."""
+    """Return omega t where the motion of a point began: at the start, or at a section if followed.
+
+    A point of a followed sweep begins at the start only if it is the first of its chain. After a
+    point that failed the next one does, too, but a point does not know its neighbours.
+    """
     spec = point.spec
-    if spec.followed is not None:  # a point does not know whether the one before it failed
+    if spec.followed is not None:
         values = point.config.sweep.grid.swept[spec.followed]
         first = values.min() if point.followed_directions[0] == "up" else values.max()
         if values[np.argmin(np.abs(values - float(point[spec.followed])))] != first:
@@ -195,7 +208,12 @@ def continue_motion(
     start_phase: float,
     most: int = MOST_DRAWN,
 ) -> PointMotion:
-    """Compute the motion after the last section state (x, v) that is not beyond the stop."""
+    """Compute the motion that follows the last of the recorded section states x and v, (2, n).
+
+    Some impact rules let the mass pass the stop, and a motion cannot start beyond the stop. Then
+    the last state that is not beyond it is used. Raises Refused if there is no such state, or if
+    the motion cannot be computed.
+    """
     from vibroimpact.trajectory import simulate  # with the compiler
 
     x, v = states

@@ -204,7 +204,11 @@ def _result_problems(dataset: xr.Dataset) -> Iterator[str]:
 
 
 def in_si(sweep: OpenedSweep) -> OpenedSweep:
-    """Return the sweep with the axes, names and SI units of its rig, if any, still read late."""
+    """Return the sweep with the axes, names and SI units of its rig, if it has one.
+
+    The axes are those of the rig; the parameters of the model stay as further coordinates. The
+    results of the file are still read when they are used.
+    """
     # Without a rig no table that belongs to a configuration is read.
     has_rig = re.search("^rig:", sweep.attrs["configuration"], re.MULTILINE)
     if sweep.in_rig or not has_rig or (rig := sweep.config.rig) is None:

@@ -31,7 +31,12 @@ if TYPE_CHECKING:
 
 
 def branch_table(branches: xr.Dataset, coordinate: str) -> pd.DataFrame:
-    """Return a row for every section, or for every impact, of the orbits of `branches`."""
+    """Return a row for every section, or for every impact, of the orbits of `branches`.
+
+    The `coordinate` decides between sections and impacts, which are numbered from 1. Each row has
+    both Floquet multipliers of its orbit. A special point, which has a kind, has no ``stable``.
+    Phases are omega t mod 2 pi.
+    """
     import pandas as pd
 
     (axis,) = map(str, branches.coords)
@@ -91,7 +96,14 @@ def write_csv(path: Path, chunks: Iterable[pd.DataFrame]) -> int:
 
 
 def write_rows(sweep: OpenedSweep, path: Path, rows: str) -> int:
-    """Write a row for every point, section or impact of a sweep, and return their number."""
+    """Write a row for every point, section or impact of a sweep, and return their number.
+
+    The row of a point has its parameters, its class and every result that is a single number:
+    Lyapunov exponents as ``lyapunov_1`` and ``lyapunov_2``, words for ``status`` and
+    ``class_evidence``. The row of a section or an impact has the axes, or the columns of a table,
+    its number and its values; what was not recorded has no row. All digits are kept, so that
+    reading the file gives the same numbers; NaN is an empty field.
+    """
     refuse_points(sweep.whole.columns, path)
     data = _scalars(sweep) if ROWS[rows] is None else _records(sweep, rows)
     width = len(data.data_vars) if ROWS[rows] is None else data.sizes[ROWS[rows]]
@@ -226,7 +238,11 @@ def _sizes(variable: xr.DataArray) -> str:
 
 
 def json_text(value: object) -> str:
-    """Write a value as strict ASCII JSON with all digits: NaN is null, inf a text."""
+    """Write mappings, lists, texts and numbers as strict JSON, with all digits.
+
+    NaN, which is no value, becomes null, and an infinite number the text "inf" or "-inf". All other
+    characters than printable ASCII are escaped: no terminal and no encoding changes the text.
+    """
     text = json.dumps(_in_json(value), indent=2, allow_nan=False)
     return text.replace("\x7f", "\\u007f")
 

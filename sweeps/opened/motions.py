@@ -93,7 +93,11 @@ def section_distance(
     R: np.ndarray | float,
     scale: np.ndarray | tuple[float, float] = (1.0, 1.0),
 ) -> np.ndarray:
-    """Return the distance of states (..., 2) in units of `scale`, directly or by an impact."""
+    """Return the distance of states at a section, directly or through an impact, if that is less.
+
+    States are x and v, shape (..., 2), and `scale` gives their units. The clearance and R are
+    broadcast against x. The distance is the larger of the distances in x and in v, in these units.
+    """
     (x, v), (x_0, v_0) = np.moveaxis(states, -1, 0), np.moveaxis(states_0, -1, 0)
     X, V = np.moveaxis(np.asarray(scale), -1, 0)
     direct = np.maximum(np.abs(x - x_0) / X, np.abs(v - v_0) / V)
@@ -103,11 +107,15 @@ def section_distance(
 
 
 def distances(cycles: Cycles, a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Return the distances of pairs of cycles, relative to their greatest coordinate."""
+    """Return the distances of pairs of cycles, given their indices `a` and `b`, shape (n,).
+
+    A cycle of 2 m periods is compared with two turns of one of m periods; cycles of other different
+    periods are infinitely far apart. The distance is the largest difference of a coordinate, for
+    the rotation that makes it least, divided by the greatest absolute coordinate of both cycles.
+    """
     m = cycles.m
     a, b = np.where(m[a] > m[b], b, a), np.where(m[a] > m[b], a, b)
     result = np.full(len(a), np.inf)
-    # One of 2 m periods with two turns of one of m; others are infinitely far apart.
     for periods, turns in product(np.unique(m[a]).tolist(), (1, 2)):
         rows = np.flatnonzero((m[a] == periods) & (m[b] == turns * periods))
         size = max(1, _VALUES_AT_ONCE // (turns * periods))
@@ -137,7 +145,7 @@ def cycles_of(spec: RunSpec, motions: np.ndarray) -> Cycles:
 
 
 def orbit_at(motion: np.void, phase: float) -> PeriodicOrbit:
-    """Return the orbit near a periodic motion, whose section is at `phase`."""
+    """Return the orbit near a periodic motion, with this section; OrbitError if none is found."""
     oscillator = oscillator_of(motion["point"])
     x, v = motion["point"]["x0"].item(), motion["point"]["v0"].item()
     x = min(x, oscillator.clearance)  # some impact rules leave it beyond the stop

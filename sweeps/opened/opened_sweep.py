@@ -133,7 +133,10 @@ class OpenedSweep:
         return "" if axis is None else self.config.nomenclature.about(axis).symbol
 
     def values(self, names: Iterable[str], optional: Iterable[str] = ()) -> dict[str, np.ndarray]:
-        """Return parameters and results, `optional` ones if there, in the shape of the grid."""
+        """Return parameters, swept or not, and results at every point, `optional` ones if there.
+
+        The arrays have the shape of the grid, followed by that of a record.
+        """
         points = self.data["status"].sizes
         names = (*names, *(name for name in optional if name in self))
         raw = {name: self[name].variable for name in names}
@@ -245,7 +248,10 @@ class OpenedSweep:
         return [self.isel({DIRECTION: i}) for i in range(len(self.directions))] or [self]
 
     def indices(self, at: Selection, free: Collection[str] = ()) -> dict[str, int]:
-        """Return the index of the grid value nearest to each value of `at`; refuse other axes."""
+        """Return the index of the grid value nearest to each value of `at`, and of its direction.
+
+        Refuses names that are no swept axis, or are in `free`, and values outside their axis.
+        """
         axes = [name for name in self.axes if name not in free]
         indices = dict[str, int]()
         for name, value in at.items():
@@ -281,7 +287,10 @@ class OpenedSweep:
         return valid.index(name)
 
     def cut(self, at: Selection | None, free: Collection[str] = ()) -> Self:
-        """Fix each axis that is not `free` at the grid value nearest to `at`, or at its first."""
+        """Fix each axis that is not in `free` at the grid value nearest to `at`, or at its first.
+
+        ``direction`` is an axis, too; `at` may fix it also if it is in `free`.
+        """
         first = {name: 0 for name in self.grid if name not in free}
         return self.isel(first | self.indices(at or {}, {*free} - {DIRECTION}))
 
@@ -299,7 +308,11 @@ class OpenedSweep:
     def chosen_axes(
         self, requested: Sequence[str], at: Selection | None, count: int, kind: str
     ) -> list[str]:
-        """Return the `count` axes that a picture shows, by default the longest that are not cut."""
+        """Return the `count` swept axes that a picture shows, or refuse the request.
+
+        By default they are the longest ones that `at` does not fix, and of equally long axes the
+        first.
+        """
         axes = self.axes
         if TABLE in axes:
             raise Refused(

@@ -28,7 +28,11 @@ _ROOMS = ("attractor", "bifurcation", "config", "opened")
 def with_cache(
     find: Callable[..., xr.Dataset], say: Callable[[str], object] = lambda text: None
 ) -> Callable[..., xr.Dataset]:
-    """Return a function of a sweep that keeps and reuses what `find` finds, and says so."""
+    """Return `branches` or another function of a sweep as one that keeps and reuses what it finds.
+
+    A result is used again if the motions of the sweep, the code that decides and the request are
+    the same. `say` is told that, or why what was found is not kept.
+    """
 
     @takes_sweep({})
     def cached(sweep: OpenedSweep, *request: Any, **chosen: Any) -> xr.Dataset:

@@ -79,7 +79,11 @@ def write_file(
     *,
     compressed: bool = False,
 ) -> None:
-    """Write the complete file of a sweep or, without `pieces`, the schema of an incomplete one."""
+    """Write the complete file of a sweep to a new file, or the schema of an incomplete one.
+
+    `pieces` has all results; without them, the file has the blocks instead. `began` is the time
+    from which the duration counts, of `time.monotonic`.
+    """
     with _Draft(new.fileno(), "r+", closefd=False) as draft:
         try:
             with h5py.File(draft, "w", libver="earliest") as file:
@@ -144,7 +148,11 @@ def _checksums(file: BinaryIO, rows: Iterable[Row]) -> list[int]:
 
 
 def check_file(path: Path, *, verify: bool = True) -> str:
-    """Refuse a file that is no complete sweep file, or is damaged; return its digest."""
+    """Refuse a file that is not a complete sweep file, or that is damaged; return its digest.
+
+    Without `verify`, the data of variables are not compared with their checksums. The StoreError
+    names the damaged variables.
+    """
     try:
         with open_regular(path) as file:
             table, digest = _table(file)
@@ -195,10 +203,15 @@ def _table(file: BinaryIO) -> tuple[list[Row], str]:
 
 
 def open_file(path: Path, digest: str, *, mode: str = "r") -> h5py.File:
-    """Open a complete file with HDF5; refuse it if its digest is not that which was checked."""
+    """Open a complete file with HDF5; refuse it if it has another digest than when it was checked.
+
+    HDF5 locks what it reads; where the file system has no locks, it goes without. A complete file
+    never changes, but other programs of this process may have it open, and HDF5 refuses to open it
+    both with and without a lock. A manager of xarray gives the `mode`: one that is sent to another
+    process, as by Dask, gives one in any case.
+    """
     try:
         open_regular(path).close()  # HDF5 would wait for the writer of a FIFO
-        # With a lock where there are any: HDF5 opens no file both with and without one.
         try:
             file = h5py.File(path, mode)
         except OSError as error:

@@ -38,7 +38,7 @@ from sweeps.store.variables import TRAJECTORIES, VARIABLES
 ABOUT = np.dtype([("sweep", "u4"), ("number", "u4"), ("samples", "u8"), ("seconds", "f8")])
 #: Array of a block file: the number of samples of each trajectory.
 SAMPLES = "samples"
-#: Most bytes of blocks that are joined, as each call of HDF5 costs.
+#: Most bytes of blocks that are joined.
 _JOINED = 1 << 26
 #: Most bytes of trajectories that are filled up with NaN at a time, besides the first point.
 _PIECE = 1 << 26
@@ -103,7 +103,10 @@ class Parts:
     def values(
         self, box: Block, names: Collection[str], numbers: Iterable[int]
     ) -> dict[str, np.ndarray]:
-        """Return variables in a box, of shape (box..., record), with fill values elsewhere."""
+        """Return variables in a box of points, of shape (box..., record), from these blocks.
+
+        Points of no such block have the fill value. Raises StoreError as `read` does.
+        """
         schema = self.file_schema
         shapes = {name: tuple(schema.sizes(name, box).values()) for name in names}
         arrays = {name: np.full(shapes[name], VARIABLES[name].fill_value) for name in names}
@@ -118,7 +121,10 @@ class Parts:
         return arrays
 
     def read(self, number: int, names: Collection[str]) -> dict[str, np.ndarray]:
-        """Return variables of a block, of shape (box..., record); trajectories may be shorter."""
+        """Return variables of a block, of shape (box..., record); trajectories may be shorter.
+
+        Raises StoreError if they are damaged, or if the file is gone or another one.
+        """
         arrays: dict[str, np.ndarray] = {}
         with self._open(number) as (file, _):
             for name in names:
@@ -133,7 +139,12 @@ class Parts:
         return arrays
 
     def pieces(self) -> Iterator[tuple[str, Block, np.ndarray]]:
-        """Yield all results for the complete file: a variable, a box of points, and an array."""
+        """Yield all results for the complete file: a variable, a box of points, and an array.
+
+        The arrays have the shape (box..., record), but trajectories may be shorter; these come in
+        boxes that need little memory. Small blocks are joined, as each call of HDF5 costs, and so
+        that the chunks of a variable lie side by side. Raises StoreError as `read` does.
+        """
         names = [name for name in self.schema.variables if name not in TRAJECTORIES]
         columns = [name for name in self.schema.variables if name in TRAJECTORIES]
         size = sum(array.nbytes for array in self.read(0, names).values())
@@ -151,7 +162,11 @@ class Parts:
 
     @contextmanager
     def _open(self, number: int) -> Iterator[tuple[zipfile.ZipFile, object]]:
-        """Open the file of a block, that of its entry if it has one; also return its `identity`."""
+        """Open the file of a block, that of its entry if it has one; also return its `identity`.
+
+        Any error is a StoreError. An OSError is no damage, unless damage led to a place that no
+        file has (EINVAL).
+        """
         path = self.files[number]
         try:
             with open_regular(path) as file, zipfile.ZipFile(file) as archive:
@@ -164,7 +179,6 @@ class Parts:
         except FileNotFoundError:
             raise StoreError(f"{path} was removed by another program, or {_GONE}") from None
         except Exception as error:  # zipfile and NumPy have many for damaged files
-            # Damage may lead to a place that no file has (EINVAL).
             lacking = isinstance(error, OSError) and error.errno != errno.EINVAL
             if lacking or isinstance(error, MemoryError):
                 raise UnreadableError(path, error) from error
@@ -173,7 +187,11 @@ class Parts:
     def _array(
         self, file: zipfile.ZipFile, number: int, name: str, size: int | None = None
     ) -> np.ndarray:
-        """Return an array of a block, compared with its checksum and the form of the schema."""
+        """Return an array of a block, all of whose bytes have been compared with their checksum.
+
+        Another form than that of the schema counts as damage; compressed data, which are never
+        written, could be of any size. `size` is the number of samples of a column.
+        """
         block = self.schema.blocks[number]
         shape = box_shape(block) if name == "points" else (block_points(block),)
         dtype: Any = {"about": ABOUT, "points": self.points, SAMPLES: np.int64}.get(name, "f8")
@@ -181,7 +199,7 @@ class Parts:
             shape, dtype = (*self.schema.sizes(name, block).values(),), VARIABLES[name].dtype
         shape = () if name == "about" else shape if size is None else (size,)
         member = file.getinfo(f"{name}.npy")
-        if member.compress_type != zipfile.ZIP_STORED:  # it could be of any size
+        if member.compress_type != zipfile.ZIP_STORED:
             raise ValueError("it is compressed")
         data = io.BytesIO(file.read(member))
         np.lib.format.read_magic(data)

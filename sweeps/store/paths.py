@@ -58,7 +58,10 @@ NO_LOCKS = (errno.ENOSYS, errno.ENOLCK, errno.EOPNOTSUPP, errno.ENOTSUP)
 
 
 def parts_path(path: Path) -> Path:
-    """Return the folder of the blocks of a sweep; refuse the path of such a folder, or in it."""
+    """Return the folder of an incomplete sweep; for a link, it lies beside the link's target.
+
+    Refuse the path of such a folder, or of a file in it, and name the path to give.
+    """
     whole = absolute(path)
     for folder, as_typed in ((whole, path), (whole.parent, path.parent)):
         if folder.name.endswith(PARTS) and identity(folder / SCHEMA):

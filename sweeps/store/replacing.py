@@ -89,7 +89,12 @@ def check_target(path: Path, what: str, *, only_new: bool = False) -> Path:
 
 
 def check_path(path: Path, what: str) -> Path:
-    """Return the path of the file to write, of a link the target; refuse what no file can be."""
+    """Return the path of the file to write, for a link its target; refuse what cannot be written.
+
+    `what` is the word for the file in messages, such as "output". In a folder where others may
+    write, the kernel follows no link of theirs when a file is opened; a link that is resolved here
+    is not opened.
+    """
     name = shortened(repr(str(path)), 300)
     if problem := _unportable(path.name):
         raise StoreError(
@@ -102,7 +107,7 @@ def check_path(path: Path, what: str) -> Path:
         with suppress(FileNotFoundError):
             status = path.lstat()
             if stat.S_ISLNK(status.st_mode):
-                if of_another_user(status):  # here the kernel does not refuse to follow it
+                if of_another_user(status):
                     raise StoreError(
                         f"{path} is a link of another user and is not followed; remove it"
                     )
@@ -168,7 +173,12 @@ def of_another_user(status: os.stat_result) -> bool:
 
 @contextmanager
 def writing(path: Path, what: str, *, only_new: bool = False) -> Iterator[BufferedRandom]:
-    """Check a path as `check_target` does, and replace its file, or that of a link."""
+    """Check a path as `check_target` does, and replace its file as `replacing` does.
+
+    If `path` is a link, its target is replaced and the link stays. With `only_new` no file is
+    replaced, not even one that was made meanwhile. The draft of a killed process is removed by a
+    process that replaces the same file a day later. An OSError becomes Failed with the path.
+    """
     check = partial(check_target, path, what, only_new=only_new)
     target = check()
     try:
@@ -274,7 +284,11 @@ def sync_names(folder: Path) -> None:
 
 
 def remove_leftovers(path: Path, age: float = 0.0) -> None:
-    """Remove the drafts of `path` written `age` [s] ago; at age 0 its lock must be held."""
+    """Remove the drafts of `path` that were last written `age` [s] ago, and no other file.
+
+    At age 0 these are all of them: the caller must hold the lock of `path`. Otherwise only the age
+    tells a leftover, as a living writer may be on another machine or in another container.
+    """
     start = draft_of(path).name.removesuffix(".new")[:-8]
     draft = re.compile(rf"{re.escape(start)}[0-9a-f]{{8}}\.new")
     for entry in path.parent.iterdir():

@@ -68,7 +68,11 @@ class Schema:
         units: Mapping[str, str],
         column_units: Mapping[str, str],
     ) -> Self:
-        """Return the schema of a new sweep, in blocks of about `size` points."""
+        """Return the schema of a new sweep, in blocks of about `size` points.
+
+        `configuration` is YAML. `units` has the names of the units, as of ``length``, and
+        `column_units` the units of columns of the table, if they have one.
+        """
         import numba  # takes half a second, and files are also opened without it
 
         from vibroimpact.jit import NUMERICS, WAY
@@ -265,14 +269,18 @@ def schema_in(file: h5py.File) -> Schema:
 
 
 def _storage(schema: Schema, name: str, compressed: bool) -> dict[str, Any]:
-    """Return the HDF5 storage options of a variable, with chunks that never span two blocks."""
+    """Return the HDF5 storage options of a variable, with chunks that never span two blocks.
+
+    Along the axis that is split, all blocks but the last have the same length; a chunk has that
+    length, or an exact fraction of it. All other dimensions may be split anywhere.
+    """
     shape, fill_value = [*schema.sizes(name).values()], VARIABLES[name].fill_value
     if 0 in shape or not shape:
         return {}  # a single value has no chunks
     chunk = [*schema.sizes(name, schema.blocks[0]).values()]
     for i, length in enumerate(chunk):
         while math.prod(chunk) > _CHUNK_VALUES and chunk[i] > 1:
-            if chunk[i] % 2 and length < shape[i]:  # along the split axis
+            if chunk[i] % 2 and length < shape[i]:
                 break
             chunk[i] = (chunk[i] + 1) // 2
     gzip = {"shuffle": True, "compression": "gzip", "compression_opts": 1} if compressed else {}

@@ -129,7 +129,10 @@ def attributes_of(
 
 
 def record_widths(spec: RunSpec, at_impacts: float = 0) -> dict[str, int]:
-    """Return how many values of a point each variable of a file for `spec` holds."""
+    """Return how many values of a point each variable of a file for `spec` holds.
+
+    Trajectories have `at_impacts` samples at impacts in every period.
+    """
     samples = 0
     if spec.every is not None:
         samples = spec.periods * spec.steps_per_period // spec.every + 1

@@ -101,7 +101,11 @@ def sweep_writer(
 
 
 class SweepWriter:
-    """Begins a sweep, writes it block by block, and completes it; raises Failed for any error."""
+    """Begins a sweep, writes it block by block, and completes it; made by `sweep_writer`.
+
+    Every method raises Failed if a block or the file cannot be written, for example on a full
+    disk, or if another program has removed or changed the blocks.
+    """
 
     def __init__(self, path: Path, resume: bool) -> None:
         self._path, self._resume = path, resume
@@ -113,7 +117,12 @@ class SweepWriter:
                     self._files[file] = identity(file) or ()
 
     def begin(self, schema: Schema) -> list[Block] | None:
-        """Begin the sweep, or resume it; return the blocks to write, None if it is complete."""
+        """Begin the sweep, or resume it; return the blocks to write, None if it is complete.
+
+        A resumed sweep keeps its own blocks, and those that are damaged, `damaged` in number, are
+        to be written again. Raises StoreError if it is another one or is damaged, and Failed if the
+        schema cannot be written; an old sweep is then unchanged.
+        """
         path, folder = self._path, parts_path(self._path)
         incomplete = identity(folder / SCHEMA) is not None
         with _failure(path, "written"):
@@ -151,7 +160,12 @@ class SweepWriter:
         return [block for i, block in enumerate(parts.schema.blocks) if i not in parts.entries]
 
     def write(self, block: Block, results: Mapping[str, np.ndarray]) -> None:
-        """Write the results of one block; no kill of the process can then lose them."""
+        """Write the results of one block; no kill of the process can then lose them.
+
+        `results` must have an array of shape (points of the block, ...) in C order for every
+        variable of the file, and for a column of the trajectories an array for each point, of any
+        length. Variables that the file does not hold are ignored.
+        """
         parts, schema = self._parts, self._parts.schema
         number = schema.blocks.index(block)
         points = np.empty(box_shape(block), parts.points)
@@ -236,7 +250,12 @@ def _failure(path: Path, action: str) -> Iterator[None]:
 
 
 def _acquired(name: Path) -> tuple[BaseFileLock, os.stat_result | None]:
-    """Return the held lock of a file, which names this process, and the status of that file."""
+    """Return the held lock of a file, which names this process, and the status of that file.
+
+    It is a lock of the system, or the file itself where there are no locks; then there is no
+    status, as the lock removes its file. A killed process leaves such a file, which a process of
+    the same machine, outside containers or in the same one, then takes over.
+    """
     _, before = _lock(name)  # refuses another file of that name
     lock: BaseFileLock = FileLock(name, fallback_to_soft=False)
     try:
@@ -246,9 +265,7 @@ def _acquired(name: Path) -> tuple[BaseFileLock, os.stat_result | None]:
             raise
         if not (before or _lock(name)[0]):
             name.unlink(missing_ok=True)
-        # It writes a text of its own, and removes its file; that of a killed process of the same
-        # machine and container it takes over.
-        lock = SoftFileLock(name)
+        lock = SoftFileLock(name)  # it writes a text of its own
         lock.acquire(blocking=False)
         return lock, None
     try:
