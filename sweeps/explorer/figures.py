@@ -75,11 +75,8 @@ def value_text(name: str, view: View) -> str:
 
 
 def label_of(axis: Any, name: str, view: View, size: float, pixels: float = math.inf) -> str:
-    """Return the label of an axis, and write its ticks with the prefix of the label.
-
-    The prefix is the one that `plot` gives to numbers of this size. If the label needs more than
-    `pixels`, the meaning is left out.
-    """
+    """Return the label of an axis with the prefix that `plot` gives to numbers of this size."""
+    # Beyond so many pixels, the meaning is left out.
     variable = as_variable(name, view.nomenclature)
     prefix, factor = prefix_of(variable, size)
     log = isinstance(axis.ticker, models.FixedTicker)
@@ -106,10 +103,7 @@ requestAnimationFrame(() => requestAnimationFrame(() => {painted.value = number}
 
 
 class PixelFigure:
-    """A figure with the tools common to all pictures; it calls `report` when a picture is shown.
-
-    If `x_range` is the range of another figure, they share their abscissa.
-    """
+    """A figure with common tools, maybe over the `x_range` of another; it reports its pictures."""
 
     def __init__(self, name: str, report: Report, x_range: models.Range1d | None = None) -> None:
         self._report = report
@@ -230,10 +224,8 @@ def outer_edges(values: np.ndarray, log: bool) -> Window:
 
 
 def set_range(model: models.Range1d, window: Window, allowed: Any = None) -> None:
-    """Set a range and its bounds.
-
-    The old bounds are removed first: the browser would clip the window of a new axis to them.
-    """
+    """Set a range and its bounds."""
+    # The browser would clip the window of a new axis to the old bounds.
     if model.bounds != allowed:
         model.bounds = None
     model.update(start=window[0], end=window[1])
@@ -252,11 +244,7 @@ class Step:
 
 
 class Worker(ThreadPoolExecutor):
-    """One thread that computes the steps of the newest request one after the other.
-
-    `post` runs a function in the thread of the document; `fail` is called there with the text of an
-    error.
-    """
+    """One thread that computes the steps of the newest request one after the other."""
 
     def __init__(
         self, post: Callable[[Callable[[], None]], None], fail: Callable[[str], None]
@@ -271,10 +259,7 @@ class Worker(ThreadPoolExecutor):
         self.busy: tuple[str, bool, float] | None = None
 
     def ask(self, steps: Sequence[Step]) -> None:
-        """Replace the waiting steps, and cancel the current one.
-
-        The first step of a name is not cancelled, because it compiles.
-        """
+        """Replace the waiting steps; cancel the current one unless it is the first of its name."""
         self._stale[0] = 1
         self._requested = {}
         for step in steps:

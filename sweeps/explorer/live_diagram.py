@@ -82,12 +82,7 @@ def fitted(values: np.ndarray) -> Window:
 
 
 def density(values: np.ndarray, window: Window, rows: int) -> np.ndarray:
-    """Return the colours of the pixels by number: the share of a column's values in each.
-
-    They are uint8 of shape (rows, columns): 1 for ``LEAST_SHARE`` or less, 255 for all values,
-    logarithmic between; 0 without values. A value is drawn two pixels wide and high, so that the
-    line of a periodic motion is visible.
-    """
+    """Return the share of a column's values in each pixel: 1 to 255, logarithmic; 0 for none."""
     columns = len(values)
     _, numbers = pixels_of(np.arange(columns), values, rows, *window)
     counts = np.bincount(numbers, minlength=columns * rows).reshape(columns, rows)
@@ -96,6 +91,7 @@ def density(values: np.ndarray, window: Window, rows: int) -> np.ndarray:
     shade = np.clip(1.0 - np.log(share) / np.log(style.LEAST_SHARE), 0.0, 1.0)
     pixels = np.zeros((rows, columns), np.uint8)
     pixels[row, column] = 1.0 + np.rint(shade * (_SHADES - 1))
+    # Two pixels wide and high, so that the line of a periodic motion is visible.
     pixels[1:] = np.maximum(pixels[1:], pixels[:-1])
     pixels[:, 1:] = np.maximum(pixels[:, 1:], pixels[:, :-1])
     return pixels

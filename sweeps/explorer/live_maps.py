@@ -67,10 +67,7 @@ class Tiles:
 
 
 class Filling:
-    """A map with the axis `x` on the abscissa, while its points are computed, coarse to fine.
-
-    With `basins` the points are starts, which are assigned to the basins of their attractors.
-    """
+    """A map over the axis `x`, or of `basins` of starts, while it is computed, coarse to fine."""
 
     def __init__(self, config: SweepConfig, x: str, basins: bool) -> None:
         self.config, self._x, self._basins = config, x, basins

@@ -92,10 +92,7 @@ def basins(
 
 
 class Basins(NamedTuple):
-    """The basins at one parameter point, by ordinate and abscissa: the `starts`, their attractors.
-
-    `numbers` are those of the rows of the `table`, for each start.
-    """
+    """The basins at one parameter point: the `starts`, by ordinate and abscissa, and attractors."""
 
     starts: OpenedSweep
     table: list[AttractorRow]

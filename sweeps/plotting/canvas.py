@@ -42,10 +42,7 @@ _GAP = 0.06
 
 
 class Picture(Figure):
-    """A figure made by a function of this room.
-
-    It is not registered with pyplot, so Jupyter shows it only once, as the value of a cell.
-    """
+    """A figure of this room, unknown to pyplot: Jupyter shows it once, as the value of a cell."""
 
     def __init__(self, page: Page, stretch: float = 1.0) -> None:
         """Make a figure with the width of the page, `stretch` times as high as usual."""
@@ -56,10 +53,8 @@ class Picture(Figure):
         FigureCanvasAgg(self)  # measures texts
 
     def draw(self, renderer: RendererBase) -> None:
-        """Draw the figure, with room for all labels at the final size of the panels.
-
-        The layout engine measures the ticks of panels of another size, and may never converge.
-        """
+        """Draw the figure, with room for all labels at the final size of the panels."""
+        # The engine measures ticks of panels of another size, and may never converge.
         engine = self.get_layout_engine()
         if isinstance(engine, ConstrainedLayoutEngine):
             self._lay_out()
@@ -137,12 +132,8 @@ class Picture(Figure):
         title: str | None,
         shares: Mapping[Artist, float] | None = None,
     ) -> None:
-        """Put a legend below the panels, and increase the height of the figure.
-
-        It shrinks to fit a page, but that of a map, whose entries have `shares` of it, takes a
-        fifth of the height. If what covers much needs more, the panels become higher, too, but by
-        at most a half.
-        """
+        """Put a legend below the panels, for which the figure becomes higher."""
+        # It shrinks to fit a page; that of a map has a fifth, and panels grow by up to a half.
         room = SHARE / (1.0 - SHARE)
         heights = [room * (self.get_figheight() + more * self._usual) for more in (0.0, 0.5)]
         if shares is None:
@@ -201,10 +192,7 @@ def new_panel(ax: Axes | None, page: Page) -> Axes:
 
 
 def stacked_panels(page: Page, heights: Sequence[float], shared: Sequence[int]) -> list[Axes]:
-    """Return stacked panels of a new figure, with `heights` in units of the usual height.
-
-    The `shared` panels share their abscissa, which only the last of them labels.
-    """
+    """Return panels of these relative heights; of those `shared` the last labels the abscissa."""
     figure = Picture(page, sum(heights))
     panels = figure.subplots(len(heights), height_ratios=heights, squeeze=False)[:, 0]
     for number in shared[:-1]:
@@ -216,10 +204,7 @@ def stacked_panels(page: Page, heights: Sequence[float], shared: Sequence[int]) 
 def panel_grid(
     page: Page, count: int, across: int, height: float, sharex: bool = False
 ) -> list[Axes]:
-    """Return so many panels of a new figure, with so many beside each other.
-
-    `height` is that of a row in units of the usual height. The panels share the ordinate.
-    """
+    """Return so many panels with one ordinate, so many beside each other, of a relative height."""
     down = math.ceil(count / across)
     figure = Picture(page, height * down)
     grid = figure.subplots(down, across, squeeze=False, sharex=sharex, sharey=True).ravel()
@@ -252,11 +237,8 @@ def is_in_view(artist: Artist) -> bool:
 
 
 def _shows_data(panel: Axes) -> bool:
-    """Whether cells, lines, dots or marks of failed points are within the limits of a panel.
-
-    A line that is not drawn stands for a density, whose pixels tell.
-    """
-    if not all(line.get_visible() for line in panel.lines):
+    """Whether cells, lines, dots or marks of failed points are within the limits of a panel."""
+    if not all(line.get_visible() for line in panel.lines):  # of a density, whose pixels tell
         return True
     points, data = points_in(panel), panel.transData
     has_cells = not len(points) or any(isinstance(each, QuadMesh) for each in panel.collections)
@@ -345,13 +327,8 @@ def finish(
     record: str | None = None,
     shares: Mapping[Artist, float] | None = None,
 ) -> Figure:
-    """Put the title above a `Picture` and the legend below it, and return the figure.
-
-    In another figure, the panel gets the legend, and a title only if the page has one. `handles`
-    are labelled artists for the legend, by default those of the panel. `cut` is the part of the
-    sweep that is shown. `record` replaces the record of the configuration in the title. A map has
-    `shares` for `Picture.add_legend`.
-    """
+    """Put the title of a `cut` above a `Picture` and the legend below it; return the figure."""
+    # In another figure, the panel gets the legend, and a title only if the page has one.
     figure = figure_of(panel)
     handles = panel.get_legend_handles_labels()[0] if handles is None else handles
     handles = [handle for handle in handles if is_in_view(handle)]

@@ -46,10 +46,7 @@ def numbers_of(sweep: OpenedSweep) -> list[str]:
 
 
 def _mean_force(sweep: OpenedSweep) -> xr.DataArray:
-    """Return impulse times omega / (2 pi), without a value where the mass rests on the stop.
-
-    The impulse of the file has no part of the force at rest.
-    """
+    """Return impulse times omega / (2 pi); no value where the mass rests, which has no impulse."""
     force = sweep["impulse"] * sweep["omega"] / (2.0 * np.pi)
     force = force.where(sweep["rest_fraction"] == 0.0).transpose(*sweep.grid)
     meaning = "mean force on the stop" if sweep.in_rig else "mean force on the stop per mass"
@@ -197,10 +194,7 @@ def refuse_without_branches(coordinate: str) -> None:
 def fitting_orbits(
     exact: xr.Dataset, noun: str, axes: Sequence[str], needed: set[str], cut: OpenedSweep
 ) -> xr.Dataset:
-    """Return exact branches or curves, of which `where` may have left out points.
-
-    Refuses those that are over other axes or of another cut, or of which a part is missing.
-    """
+    """Return exact branches or curves; refuse those of other axes or cuts, or with lost parts."""
     if {*exact.coords} != {*axes}:
         over = listed(map(str, exact.coords))
         raise Refused(f"the exact {noun} are over {over}, not {listed(axes)}")
@@ -214,7 +208,7 @@ def fitting_orbits(
             of_orbits, of_cut = (nomenclature.value(name, value) for value in pair)
             place = f"{nomenclature.name(name)} = {of_orbits:.6g}, not {of_cut:.6g}"
             raise Refused(f"the exact {noun} are at {place}: find them there")
-    exact = exact.dropna("point", subset=["m"])
+    exact = exact.dropna("point", subset=["m"])  # which `where` may have left out
     typed = {"branch": int, "curve": int, "m": int, "q": int, "stable": bool}
     return exact.assign({name: exact[name].astype(typed[name]) for name in typed.keys() & {*exact}})
 

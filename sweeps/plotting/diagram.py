@@ -157,10 +157,8 @@ def _with_numbers(
 
 
 def _within(chaos: np.ndarray, values: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
-    """Return a function that says where on the axis there is chaos, a mask of its values.
-
-    Short runs are left out, because lines that alternate would read as dashes.
-    """
+    """Return a function that says whether there is chaos at a place of the axis."""
+    # Lines that alternate with short runs would read as dashes.
     order = np.argsort(values)
     chaos = without_gaps(chaos[order], max(1, len(values) // _RUNS))
     return lambda x: np.interp(x, values[order], chaos.astype(float)) > 0.5

@@ -73,11 +73,8 @@ def branch_pieces(branches: xr.Dataset, coordinate: str) -> Iterator[BranchPiece
 
 
 def without_idle(branches: xr.Dataset, line: OpenedSweep) -> tuple[xr.Dataset, int]:
-    """Return the branches that a diagram of a line draws, and the number of those left out.
-
-    Of more than a few branches that were not chosen, these are those to which motions of the line
-    go, and those that meet one of these at a bifurcation, which bound the motions.
-    """
+    """Return the branches that a diagram of a line draws, and the number of those left out."""
+    # Drawn are those to which motions go, and those that meet one of these, which bound them.
     (axis,), count = map(str, branches.coords), 1 + branches["branch"].values.max(initial=-1)
     if count <= _BRANCHES_IN_FULL or branches.attrs.get("chosen") or "period" not in line:
         return branches, 0
@@ -102,10 +99,8 @@ def without_idle(branches: xr.Dataset, line: OpenedSweep) -> tuple[xr.Dataset, i
 
 
 def _breaks(branch: xr.Dataset, coordinate: str) -> list[int]:
-    """Number the continuous runs of a branch, for each step; -1 for a step in which y jumps.
-
-    The coordinate jumps where an impact passes the section, or its phase passes 0.
-    """
+    """Number the continuous runs of a branch, for each step; -1 for a step in which y jumps."""
+    # It jumps where an impact passes the section, or its phase passes 0.
     phases = branch["impact_phase"].values
     if coordinate not in ("impact_phase", "poincare_v"):
         return [0] * (len(phases) - 1)
@@ -123,11 +118,7 @@ def draw_branches(
     in_chaos: Callable[[np.ndarray], np.ndarray],
     marks: bool = True,
 ) -> dict[str, list[Line2D]]:
-    """Draw `sweeps.branches`, with solid lines where stable; return the lines by their names.
-
-    The lines are thin and have the colour of texts unless the ground `is_plain`, in one colour.
-    Unstable orbits at values of the axis `in_chaos` are drawn thinly.
-    """
+    """Draw `sweeps.branches`, thinly where unstable `in_chaos`; return the lines by their names."""
     props = _OVER_ONE_COLOUR if is_plain else {"color": ink(), **_OVER_COLOURS}
     lines: dict[str, list[Line2D]] = {name: [] for name in (*LINES, _THIN_LINES, *MARKERS)}
     for name, x, y, thin, _ in branch_pieces(branches, coordinate):
@@ -196,11 +187,7 @@ class _Piece(NamedTuple):
 def _pieces(
     curves: xr.Dataset, cut: OpenedSweep, allowed: Container[tuple[int, int]] | None
 ) -> Iterator[_Piece]:
-    """Yield the curves in pieces that bound a motion of the map, and others.
-
-    A piece bounds a motion if a cell with the class of its orbit, if it is `allowed`, and one
-    without it, are within one cell.
-    """
+    """Yield the curves in pieces, those that bound a motion of an `allowed` class, and others."""
     from scipy.ndimage import maximum_filter
 
     regimes, *numbers = cut.classes
@@ -242,12 +229,7 @@ def _one_point_each(curves: xr.Dataset) -> xr.Dataset:
 def draw_curves(
     panel: Axes, curves: xr.Dataset, cut: OpenedSweep, marks: bool
 ) -> dict[Artist, float]:
-    """Draw `sweeps.curves` over a map of a cut; return handles and shares for its legend.
-
-    Pieces that bound a motion are drawn strongly. The others are thin: there the start leads to
-    another orbit. Of many curves, only those that bound a class with a colour of its own are drawn.
-    Cusps and meetings are marked on the strong pieces if `marks` is true.
-    """
+    """Draw `sweeps.curves` over a map of a cut; return handles and shares for its legend."""
     limits = panel.get_xlim(), panel.get_ylim()
     kinds = _one_point_each(curves)["kind"].values
     is_many = len(kinds) > _CURVES_IN_FULL

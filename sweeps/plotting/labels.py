@@ -49,10 +49,8 @@ def as_variable(name: str, source: Names) -> xr.DataArray:
 
 
 def label(variable: xr.DataArray, prefix: str = "") -> str:
-    """Write the meaning of a variable, its symbol and, if the unit has a name, its unit.
-
-    Spaces occur only between words, because matplotlib breaks long labels at spaces.
-    """
+    """Write the meaning of a variable, its symbol and, if the unit has a name, its unit."""
+    # Spaces occur only between words, because matplotlib breaks long labels at spaces.
     unit = (named := named_unit(variable)) and prefix + named.replace(" ", _JOINT)
     symbol = variable.attrs["symbol"].replace(r"\ ", "~").replace(" ", "\t")
     return variable.attrs["long_name"] + (f" ${symbol}$" if symbol else "") + in_brackets(unit)
@@ -77,10 +75,7 @@ def mathtext(value: float, form: str = ".6g") -> str:
 
 
 def prefix_of(variable: xr.DataArray, size: float, text: str | None = None) -> tuple[str, float]:
-    """Return the prefix that keeps a length or a speed of this size short, and its factor.
-
-    It is that of the unit in brackets if the `text` of a label has one.
-    """
+    """Return the prefix for a size, or that of the unit in brackets in a text, and its factor."""
     base = variable.attrs.get("units")
     if base in _PREFIXED:
         for unit in re.findall(r"[\[(]\s*([^\s\])]+)\s*[\])]", _plain(text or "")):
@@ -185,10 +180,7 @@ def log_spaced(values: np.ndarray) -> bool:
 
 
 class _Prefixed(ticker.Formatter):
-    """Writes ticks that have a unit; a length or a speed has a prefix, also in the label.
-
-    The prefix follows the limits of the axis; `plain` writes the numbers in front of it.
-    """
+    """Writes ticks and the label with the prefix that fits the limits; `plain` writes numbers."""
 
     def __init__(
         self, axis: Axis, variable: xr.DataArray, plain: ticker.Formatter, text: Text
@@ -284,11 +276,7 @@ def refuse_too_large(name: str, values: np.ndarray | float) -> None:
 
 
 class DecadeLocator(ticker.LogLocator):
-    """Ticks at 1, 2 and 5 in every decade, at fewer where there is less room for their labels.
-
-    These are 1 and 3, then powers of ten, and never less than two. Where even 1, 2 and 5 are less,
-    the ticks are those of a linear axis.
-    """
+    """Ticks at 1, 2, 5, at 1, 3 or at 1 in decades, as there is room, or of a linear axis."""
 
     def tick_values(self, vmin: float, vmax: float) -> list[float]:
         """Return the ticks within limits, as many as `numticks` or the axis has room for."""

@@ -79,11 +79,7 @@ def failed_cells(status: np.ndarray, hatched: bool = False) -> list[Cells]:
 def period_cells(
     regimes: np.ndarray, m: np.ndarray, q: np.ndarray, *, grey: bool = False, hatched: bool = True
 ) -> list[Cells]:
-    """Return the points of each regime, those of each class of ``CLASSES`` apart.
-
-    Motions with rest are apart by their periods if the picture can be `hatched`. Chaotic and
-    unknown ones have their share of the points with a result.
-    """
+    """Return the points of each of ``CLASSES`` and regime, `hatched` by the period of rest."""
     periodic = regimes == Regime.PERIODIC
     cells = []
     for periods, impacts in style.CLASSES:
@@ -187,11 +183,8 @@ class Looks(NamedTuple):
 def _further(
     number: np.ndarray, m: np.ndarray, q: np.ndarray
 ) -> dict[tuple[int, int, int], int | None]:
-    """Return the index of a further look for each attractor and class without the look of a class.
-
-    The arrays have the shape (parameter points, coexisting). No two attractors at one point have
-    the same further look; each takes the one with the fewest points.
-    """
+    """Return a further look for each attractor without that of its class, if any is free."""
+    # The arrays have the shape (parameter points, coexisting).
     classes = np.stack([number, m, q], axis=-1)[(number >= 0) & (m > 0)]
     nowhere = np.zeros(len(number), bool)
     of_class: dict[tuple[int, int], np.ndarray] = {}
@@ -241,11 +234,7 @@ def basin_cells(
 def names_of(
     series: Sequence[Sequence[AttractorRow]], source: Names, axis: xr.DataArray | None = None
 ) -> list[tuple[str, str]]:
-    """Name the classes of each series of attractors, or its regime.
-
-    Where two series have a class in common, a second line says which is which by a state at the
-    section, for several values of an `axis` with that value.
-    """
+    """Name the classes or the regime of each series, and a state where two have one class."""
     counts = Counter(
         name for rows in series for name in {row.name for row in rows if len(row.states)}
     )

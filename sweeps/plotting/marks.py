@@ -37,10 +37,7 @@ def draw_points(
     most: float = 3.5,
     marker: str = "o",
 ) -> None:
-    """Draw markers in one colour, by default the plain one, or of a colour each, shape (n, 4).
-
-    The more of the panel they would cover, the smaller they are, and never greater than `most`.
-    """
+    """Draw markers in one colour or one each, at most so large, smaller the more they cover."""
     if not len(y):
         return
     size = marker_size(x, y, 0.5, most) if size is None else size
@@ -98,13 +95,8 @@ def mark_status(
     masks: Mapping[str, np.ndarray] | None = None,
     grey: bool = False,
 ) -> None:
-    """Mark failed and pending points in a strip below the data and in the legend.
-
-    The legend counts those within the limits of the abscissa, which must have been set, and those
-    without an abscissa. `values` are the abscissas, shape (n,); `status` has the shape (n,) or
-    (directions, n), and so have the `masks` of further points, by a name of ``MARKS``, which can be
-    drawn in `grey`.
-    """
+    """Mark failed and pending points, and `masks` by a name of ``MARKS``, in a strip below."""
+    # Of (directions, n) points, the legend counts those in view, and those without an abscissa.
     kinds = [(status_name(s), colour, status == s) for s, colour in STATUS_COLOURS.items()]
     kinds += [(name, MARKS[name][grey], where) for name, where in (masks or {}).items()]
     kinds = [(name, dot_colour(colour), where) for name, colour, where in kinds if where.any()]
@@ -130,11 +122,7 @@ def mark_status(
 
 
 def _spread(panel: Axes, x: np.ndarray, where: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return abscissas of marks that cover the same share of the axis as the points have.
-
-    A mark is a point wide. Where several values are in it, those with most marked values have one.
-    A mask says between which marks and the next ones there is no room for another.
-    """
+    """Return abscissas of marks with the share of the points, and if the next one is beside."""
     values, index = np.unique(x, return_inverse=True)
     is_marked = np.bincount(index.ravel(), where.ravel()) > 0.0
     panel.get_xlim()  # matplotlib delays the limits
@@ -150,11 +138,7 @@ def _spread(panel: Axes, x: np.ndarray, where: np.ndarray) -> tuple[np.ndarray, 
 
 
 def nearest_distances(values: np.ndarray, others: np.ndarray, size: float) -> np.ndarray:
-    """Return the distance of each value from the nearest of the others in its row, in `size`.
-
-    The arrays have the shapes (n, k) and (n, l), with NaN for no value; the result has the shape of
-    `values`. The distance is 2 if there are no others in the row, and NaN for no value.
-    """
+    """Return how far the nearest other in its row is from each value, at most 2 times `size`."""
     row = 5.0 * np.arange(len(values))[:, None]  # more than any distance
     low = np.fmin(*(np.min(each[np.isfinite(each)], initial=np.inf) for each in (values, others)))
     # Without an exponent of -inf, that of a motion with rest.
@@ -179,11 +163,7 @@ def agreeing(up: np.ndarray, down: np.ndarray, chaos: np.ndarray) -> list[np.nda
 
 
 def in_both(columns: np.ndarray, axis: int) -> np.ndarray:
-    """Return the mask of the values of both directions, which are along an axis of the points.
-
-    `columns` are the coordinates of points in a panel, shape (2, ..., k), with NaN for no value;
-    the result has the shape (..., k).
-    """
+    """Return the mask of points, shape (2, ..., k), that both directions along an axis have."""
     from scipy.spatial import cKDTree
 
     low, high = (extreme(columns.reshape(2, -1), axis=1) for extreme in (np.nanmin, np.nanmax))
@@ -214,12 +194,7 @@ def _motions_differ(first: np.ndarray, second: np.ndarray, size: float) -> np.nd
 def draw_jumps(
     panel: Axes, x: np.ndarray, up: np.ndarray, down: np.ndarray, colours: Sequence[str]
 ) -> list[Artist]:
-    """Draw an arrow where the motion of a direction ends, to the one that it jumps to.
-
-    This is the last value, in this direction, of a range in which both directions differ. `x`,
-    shape (n,), increases; `up` and `down` are values of the points, shape (n, k). Return a handle
-    for the legend if there is an arrow.
-    """
+    """Draw an arrow to the next motion at each end of a range of x in which directions differ."""
     size, handles = _extent(up, down) or 1.0, list[Artist]()
     for start, stop, differ in runs(_motions_differ(up, down, size).tolist()):
         if not differ:

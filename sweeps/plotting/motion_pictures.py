@@ -39,10 +39,7 @@ def _draw_records(
     ax: Axes | None,
     set_view: Callable[[Axes, OpenedSweep, Sequence[np.ndarray]], None],
 ) -> Figure:
-    """Draw two coordinates recorded at one point or, with a color, at all that `at` leaves.
-
-    `set_view` gets the panel, the points drawn and both columns, and sets the ends of the axes.
-    """
+    """Draw two coordinates recorded at one point or, with a color, at all that `at` leaves."""
     sweep.check(*names)
     paint, rgba, handles = None, None, list[Artist]()
     if color is None:
@@ -248,10 +245,7 @@ def _draw_coloured(
 def _text_of_motions(
     motions: Sequence[coordinates.PointMotion], time: xr.DataArray, motion_class: Label | None
 ) -> tuple[str, str, str | None]:
-    """Write the start of a single motion, after how long motions start, and instead of a record.
-
-    The last is None if the motions start after different times.
-    """
+    """Write the start of a single motion, after how long all start, and the record if it is one."""
     turns = 2.0 * np.pi / np.array([motion.oscillator.omega for motion in motions])
     starts = np.array([motion.rows[0, 0] for motion in motions])
     starts += turns * [motion.turns for motion in motions]
@@ -292,15 +286,13 @@ def _draw_curves(
     dash: Any = "-",
     m: int = 0,
 ) -> None:
-    """Draw the motion in each panel, by default in the plain colour.
-
-    Dashes in the phase plane have one repetition, of `m` periods: those of the next would close it.
-    """
+    """Draw the motion in each panel, by default in the plain colour."""
     colour = data_colour() if colour is None else colour
     t, x, v = motion.flow(per_period=200)
     t = t - motion.rows[0, 0]
     width = 0.9 if motion.rows.shape[1] < 5000 else 0.4
     turn = 2.0 * np.pi / motion.oscillator.omega
+    # The dashes of a second repetition in the phase plane would close those of the first.
     once = t <= m * turn if m and dash != "-" else np.ones(len(t), bool)
     for panel, line in zip(panels, ((t, x), (t, v), (x[once], v[once])), strict=True):
         (curve,) = panel.plot(*line, color=colour, ls=dash, linewidth=width, zorder=2.0)

@@ -60,12 +60,7 @@ def runs(values: Iterable[Any]) -> Iterator[tuple[int, int, Any]]:
 def pixels_of(
     columns: np.ndarray, values: np.ndarray, rows: int, low: float, high: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the values within a panel of so many `rows`: the index in `columns`, and the pixel.
-
-    `columns`, shape (k,), are the columns of k points, all within the panel; `values`, shape
-    (k, width), are their ordinates, with NaN for missing ones. The ordinate ranges from `low` to
-    `high`. The pixels are numbered column by column.
-    """
+    """Return the index in `columns`, (k,), of each value, (k, width), in view, and its pixel."""
     scaled = np.floor((values - low) * (rows / (high - low)))
     visible = (scaled >= 0.0) & (scaled < rows)  # False for NaN
     index = np.repeat(np.arange(len(columns)), visible.sum(axis=1))
@@ -82,11 +77,7 @@ def widened(low: float, high: float) -> tuple[float, float]:
 
 
 def cell_edges(values: np.ndarray, log: bool) -> np.ndarray:
-    """Return the n + 1 edges of the cells around n increasing values.
-
-    The edges lie halfway between the values, with `log` on a logarithmic scale. The cell of a
-    single value is as wide as its magnitude, or 1 at 0; if it is repeated, the cells share this.
-    """
+    """Return the n + 1 edges halfway between n increasing values, or around a repeated one."""
     if values[0] == values[-1]:
         half = 0.5 * abs(values[0]) or 0.5
         return np.linspace(values[0] - half, values[0] + half, len(values) + 1)
@@ -121,11 +112,8 @@ def value_ranges(lines: Sequence[OpenedSweep], coordinate: str) -> np.ndarray:
 
 
 def _ramps(colours: Sequence[str]) -> list[LinearSegmentedColormap]:
-    """Return the ramp of shares, from the least to 1: of one direction, or of up, down and both.
-
-    Those of directions end at full colours: the darker ends would all look the same where the
-    motion is periodic.
-    """
+    """Return the ramp of shares, from the least to 1: of one direction, or of up, down and both."""
+    # Those of directions end at full colours: where all is periodic, dark ends would look the same.
     both = len(colours) > 0
     hues = [*colours, style.dot_colour(style.BOTH_COLOUR)] if both else [style.data_colour()]
     count, ramp = 2 if both else 3, LinearSegmentedColormap.from_list
@@ -141,16 +129,9 @@ def draw_density(
     colours: Sequence[str],
     tint: np.ndarray | None = None,
 ) -> bool:
-    """Draw the share of each column's points in each of its pixels, with a colour bar.
-
-    Return whether there is any point in the panel.
-
-    Call this last, because the pixels are those of the finished panel in a PNG. A column is one of
-    the `values` of the axis, or one pixel wide if there are more values than pixels. With two
-    directions, the colour of a pixel, one of their `colours`, tells which direction has points in
-    it, or that both have. If the colours of the points are given, shape (n, 4), a pixel has that of
-    a point in it.
-    """
+    """Draw the share of each column's points in each pixel, with a bar; return if there is any."""
+    # Last, because the pixels are those of the finished panel in a PNG. With two directions a pixel
+    # has the colour of those in it; with a `tint` for each point, shape (n, 4), that of one in it.
     figure = figure_of(panel)
     ramps = _ramps(colours if len(directions) > 1 else ())
     if tint is None:

@@ -31,12 +31,7 @@ _LARGE = 4e-4
 def name_regions(
     panel: Axes, edges: Sequence[np.ndarray], classes: np.ndarray, names: Mapping[int, str]
 ) -> list[Text]:
-    """Write the name of its class into every region that has room for it, where it is widest.
-
-    Where only an upright name has room, the name is upright. Call this last, because the room is
-    that of the finished panel. `edges` are those of the cells along the abscissa and the ordinate;
-    `classes`, shape (rows, columns), are numbers, of which some have names.
-    """
+    """Write the name of its class into every region of a finished panel that has room for it."""
     canvas.lay_out(panel)
     raster = _class_of_pixels(panel, edges, classes)
     scale = _PER_INCH / figure_of(panel).dpi
@@ -79,11 +74,7 @@ def placed_names(
     box: Callable[[str], tuple[int, int]],
     free: np.ndarray | bool = True,
 ) -> Iterator[tuple[str, int, int, bool]]:
-    """Yield a name for every region with room for it, its row and column, and if it is upright.
-
-    `classes` are those of pixels; `box` returns the height and the width of a name in pixels; a
-    name covers only pixels that are `free`.
-    """
+    """Yield a name for each region with room in `free` pixels: row, column, if it is upright."""
     number, sizes = _regions(classes)
     count = 0
     for region in np.argsort(-sizes, kind="stable").tolist():
@@ -162,10 +153,7 @@ def _regions(classes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _widest(region: np.ndarray, height: int, width: int) -> tuple[int, int] | None:
-    """Return a pixel of a region around which a box fits, where the region is widest, or None.
-
-    Of many such pixels, as in a strip, it is the one nearest to the middle of the region.
-    """
+    """Return the pixel where a region is widest and a box fits, nearest to its middle, or None."""
     from scipy.ndimage import distance_transform_edt, uniform_filter
 
     if region.shape[0] < height or region.shape[1] < width:

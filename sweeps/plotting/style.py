@@ -274,10 +274,7 @@ def mix(colour: str, other: str, share: float) -> str:
 
 
 def shades(colour: str, paper: str, dark: str) -> list[str]:
-    """Return the colours of the share of a column's points in a pixel, from the least share to 1.
-
-    They start well away from the paper, so that a pixel with a single point is visible.
-    """
+    """Return the colours of shares from the least, which is visible in a single pixel, to 1."""
     return [mix(colour, paper, 0.35), colour, mix(dark, colour, 0.66)]
 
 

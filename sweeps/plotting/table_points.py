@@ -57,10 +57,7 @@ class Overlay(NamedTuple):
     labels: np.ndarray
 
     def values(self, name: str, limits: Any, text: str | None = None) -> np.ndarray:
-        """Return a column in the unit of the dataset.
-
-        Without a unit of its own it has that of an axis or a bar with these ends and this text.
-        """
+        """Return a column in the unit of the dataset; without its own, it has that of the ticks."""
         size = float(np.abs(limits).max())
         factor = self.units.get(name, labels.prefix_of(self.variables[name], size, text)[1])
         return factor * self.columns[name]
@@ -69,10 +66,7 @@ class Overlay(NamedTuple):
 def read_overlay(
     source: Any, sweep: OpenedSweep, needed: Sequence[Sequence[str]], quantity: str = ""
 ) -> Overlay | None:
-    """Read a table whose columns are what a picture shows; None if there is none.
-
-    Of each group of `needed` names there must be a column; `quantity` may be one if it has a scale.
-    """
+    """Read a table with a column of each `needed` group, and a `quantity` on a scale, if any."""
     if source is None:
         return None
     names = [name for group in needed for name in group]
@@ -152,12 +146,7 @@ def draw_overlay(
     page: Page,
     scale: tuple[str, Colormap, Normalize] | None = None,
 ) -> list[Artist]:
-    """Draw the points in each panel with its abscissa and ordinate; return handles for the legend.
-
-    Limits that the page does not give make room for the points, but not on a map, which has the
-    `scale` of a quantity; there, these are the limits of the cells. The legend counts the points
-    that are outside of all panels.
-    """
+    """Draw the points in each panel, with room unless on a map; return handles for the legend."""
     if overlay is None:
         return []
     inside = np.zeros(len(overlay.labels), bool)
