@@ -81,18 +81,13 @@ def label_of(axis: Any, name: str, view: View, size: float, pixels: float = math
     prefix, factor = prefix_of(variable, size)
     log = isinstance(axis.ticker, models.FixedTicker)
     if axis.tags != [log, factor]:
-        axis.tags, axis.formatter = [log, factor], _formatter(log, factor)
+        args, is_plain = {"factor": factor, "log": log}, not log and factor == 1.0
+        scaled = models.CustomJSTickFormatter(args=args, code=_TICK_WITH_PREFIX)
+        axis.tags = [log, factor]
+        axis.formatter = models.BasicTickFormatter() if is_plain else scaled
     text = without_tex(label(variable, prefix))
     fits = 7.0 * len(text) < pixels
     return text if fits else text.removeprefix(variable.long_name).strip()
-
-
-def _formatter(log: bool, factor: float) -> models.TickFormatter:
-    """Return what writes the ticks of an axis, divided by the factor of a prefix."""
-    if log or factor != 1.0:
-        args = {"factor": factor, "log": log}
-        return models.CustomJSTickFormatter(args=args, code=_TICK_WITH_PREFIX)
-    return models.BasicTickFormatter()
 
 
 #: Reports which picture is on the screen: one drawn in a frame is visible in the next.

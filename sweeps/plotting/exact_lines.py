@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Container, Iterator, Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -33,20 +33,12 @@ _OVER_COLOURS: dict[str, Any] = {"linewidth": 0.4}
 _THIN_BRANCHES: dict[str, Any] = {"linewidth": 0.3, "alpha": 0.5}
 
 
-class BranchPiece(NamedTuple):
-    """A stable or unstable piece of a branch, or the bifurcations of one kind."""
-
-    name: str  # in the legend, out of ``LINES`` or ``MARKERS``
-    x: np.ndarray  # values of the axis, shape (n,)
-    y: np.ndarray  # values of the coordinate, shape (n, k), with NaN for no value
-    #: Whether its branch is stable over less than a hundredth of the axis, because many such
-    #: branches would hide the others; their bifurcations are not drawn.
-    thin: bool = False
-    orbit: str = ""  # class of the branch
-
-
-def branch_pieces(branches: xr.Dataset, coordinate: str) -> Iterator[BranchPiece]:
-    """Yield the pieces of `sweeps.branches` that a diagram of a coordinate shows."""
+def branch_pieces(
+    branches: xr.Dataset, coordinate: str
+) -> Iterator[tuple[str, np.ndarray, np.ndarray, bool, str]]:
+    """Yield the name, x (n,), y (n, k), thinness and class of each piece that a diagram shows."""
+    # Many branches that are stable over little of the axis would hide the others: their pieces are
+    # thin, and their bifurcations are not drawn.
     from sweeps.bifurcation.exact_branches import wide_branches
 
     (axis,), wide = branches.coords, wide_branches(branches)
@@ -65,11 +57,11 @@ def branch_pieces(branches: xr.Dataset, coordinate: str) -> Iterator[BranchPiece
         for start, stop, (steady, run) in runs(states):
             if run >= 0:
                 name, at = STABLE if steady else UNSTABLE, slice(start, stop + 1)
-                yield BranchPiece(name, x[at], y[at], q > 0 and not is_wide, f"{m}/{q}")
+                yield name, x[at], y[at], q > 0 and not is_wide, f"{m}/{q}"
     for kind in MARKERS:
         here = (branches["kind"].values == kind) & wide[branches["branch"].values]
         if here.any():
-            yield BranchPiece(kind, branches[axis].values[here], values[here])
+            yield kind, branches[axis].values[here], values[here], False, ""
 
 
 def without_idle(branches: xr.Dataset, line: OpenedSweep) -> tuple[xr.Dataset, int]:
@@ -155,10 +147,9 @@ def label_lines(lines: Mapping[str, Sequence[Line2D]]) -> list[Line2D]:
     """Label one line of each name that is within the limits of its panel; return these."""
     entries = []
     for name, of_name in lines.items():
-        for line in filter(canvas.is_in_view, of_name):
+        if (line := next(filter(canvas.is_in_view, of_name), None)) is not None:
             line.set_label(name)
             entries.append(line)
-            break
     return entries
 
 
@@ -176,18 +167,10 @@ _THIN_CURVES: dict[str, Any] = {"color": "#666666", "linewidth": 0.3}
 _SPECIAL = "cusp or meeting"
 
 
-class _Piece(NamedTuple):
-    """A piece of a curve: its number, its points, shape (k, 2), and whether it bounds a motion."""
-
-    number: int
-    points: np.ndarray
-    bounds: bool
-
-
 def _pieces(
     curves: xr.Dataset, cut: OpenedSweep, allowed: Container[tuple[int, int]] | None
-) -> Iterator[_Piece]:
-    """Yield the curves in pieces, those that bound a motion of an `allowed` class, and others."""
+) -> Iterator[tuple[int, np.ndarray, bool]]:
+    """Yield the number and points (k, 2) of each piece, and if it bounds an `allowed` class."""
     from scipy.ndimage import maximum_filter
 
     regimes, *numbers = cut.classes
@@ -213,7 +196,7 @@ def _pieces(
         bounds = without_gaps(bounds, _PER_CELL * _GAP)
         points = np.stack([np.interp(fine, along, z) for z in line.T], axis=1)
         for start, stop, flag in runs(bounds.tolist()):
-            yield _Piece(number, points[start : stop + 1], flag)
+            yield number, points[start : stop + 1], flag
 
 
 def _on_axes(curves: xr.Dataset, cut: OpenedSweep) -> np.ndarray:
@@ -234,22 +217,21 @@ def draw_curves(
     kinds = _one_point_each(curves)["kind"].values
     is_many = len(kinds) > _CURVES_IN_FULL
     pieces = list(_pieces(curves, cut, CLASSES if is_many else None))
-    bounding = {piece.number for piece in pieces if piece.bounds}
+    bounding = {number for number, _, bounds in pieces if bounds}
     edge = [withStroke(linewidth=_EDGE, foreground=ground(), alpha=0.9)]  # on cells of any colour
     bold: dict[str, Any] = {"color": ink(), "linewidth": 0.8, "path_effects": edge, "zorder": 4}
-    drawn = list[tuple[int, bool, Line2D]]()
+    lines: dict[str, list[Line2D]] = {kind: [] for kind in _CURVES}
+    further = list[tuple[int, Line2D]]()
     for number, points, bounds in pieces:
         props = bold if bounds else _THIN_CURVES
         (line,) = panel.plot(*points.T, ls=_CURVES[kinds[number]], **props)
-        drawn.append((number, bounds, line))
+        if bounds:
+            lines[kinds[number]].append(line)
+        elif number not in bounding:
+            further.append((number, line))
     panel.set(xlim=limits[0], ylim=limits[1])
-    lines = {
-        kind: [line for number, bounds, line in drawn if bounds and kinds[number] == kind]
-        for kind in _CURVES
-    }
-    strong = [piece.points for piece in pieces if piece.bounds]
+    strong = [points for _, points, bounds in pieces if bounds]
     lines[_SPECIAL] = _mark_special(panel, curves, cut, strong) if marks else []
-    further = [(number, line) for number, _, line in drawn if number not in bounding]
     count = len({number for number, line in further if canvas.is_in_view(line)})
     text = f"{shown_count(count, 'further curve')}{' not shown' if is_many else ''}"
     lines[text] = [line for _, line in further]

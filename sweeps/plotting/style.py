@@ -234,12 +234,6 @@ def data_colour(number: int = 0) -> str:
     return to_hex(f"C{number}")
 
 
-def grey_style() -> dict[Any, Any]:
-    """Return settings of matplotlib with which data without a meaning are grey."""
-    greys = [mix(ink(), ground(), share) for share in (0.6, 1.0)]
-    return {"axes.prop_cycle": cycler(color=greys)}
-
-
 def grey_ramp() -> LinearSegmentedColormap:
     """Return the greys of numbers, each darker than those of less, or lighter on a dark ground."""
     return LinearSegmentedColormap.from_list("grey", [mix(ink(), ground(), 0.1), ink()])
@@ -322,7 +316,9 @@ def in_style(
 ) -> Iterator[None]:
     """Draw in the `common` style or not, with settings, in grey or not; other threads wait."""
     with _LOCK, mpl.rc_context((user_style() if common else {}) | dict(settings)):
-        mpl.rcParams.update(grey_style() if grey else {})
+        if grey:  # also data without a meaning
+            greys = [mix(ink(), ground(), share) for share in (0.6, 1.0)]
+            mpl.rcParams["axes.prop_cycle"] = cycler(color=greys)
         with warnings.catch_warnings():  # of characters in the name of a sweep that the font lacks
             warnings.filterwarnings("ignore", "Glyph", UserWarning)
             yield
