@@ -156,7 +156,7 @@ def _integers(dataset: xr.Dataset) -> Iterator[tuple[str, xr.DataArray]]:
     """Yield each result of integers that is of another type, and flags; `where` left NaN there."""
     for name, variable in VARIABLES.items():
         if name in dataset and variable.dtype[0] == "i":
-            if name in FLAGS or dataset[name].dtype != variable.dtype:
+            if name in FLAGS or dataset.variables[name].dtype != variable.dtype:
                 yield name, dataset[name].fillna(variable.fill_value)
 
 
@@ -190,9 +190,9 @@ def _result_problems(dataset: xr.Dataset) -> Iterator[str]:
     dims = (*map(str, dataset["status"].dims),)
     for name, variable in VARIABLES.items():
         expected = {*dims, *([variable.dimension] if variable.dimension else [])}
-        if name in dataset and set(dataset[name].dims) != expected:
+        if name in dataset and {*dataset.variables[name].dims} != expected:
             yield f"has {name} without its dimensions {', '.join(sorted(expected))}"
-        if name in dataset and dataset[name].dtype.kind not in "fiu":
+        if name in dataset and dataset.variables[name].dtype.kind not in "fiu":
             yield f"has no numbers in {name}"
     for name, numbers in _integers(dataset):
         fits = numbers.isin([*FLAGS[name]]) if name in FLAGS else numbers % 1.0 == 0.0

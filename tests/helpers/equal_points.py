@@ -12,12 +12,12 @@ from vibroimpact.status import Evidence, Status
 R = np.array([0.3, 0.5, 0.9])
 OMEGA = np.array([1.0, 2.0, 3.0, 4.0])
 PERIODS = 50
-CONFIGURATION = {
+CONFIG = load_config({
     "name": "by hand",
     "oscillator": {"h": 0.1, "R": 0.8, "omega": 2.0, "f": 1.0, "clearance": 0.25},
     "method": {"integrator": "exact", "impact": "exact", "steps_per_period": 16},
     "record": {"transient": 10, "periods": 50, "phase": 0.0},
-}
+})  # fmt: skip
 #: Values of a point of period 1 with one impact.
 PLAIN = {"status": Status.CERTIFIED, "period": 1, "period_impacts": 1}
 PLAIN |= {"orbit_x": 0.0, "orbit_v": 0.0, "orbit_distance": 0.0}
@@ -30,9 +30,8 @@ def equal_points(omit=(), axes=None, **changed):
     """Return equal points over (R, omega) with changes {name: {(row, column): value}}."""
     axes = {"R": R, "omega": OMEGA} if axes is None else axes
     shape = tuple(len(values) for values in axes.values())
-    config = load_config(CONFIGURATION)
-    coords = {**config.sweep.grid.fixed, **axes}
-    data = xr.Dataset(coords=coords, attrs={"configuration": config.to_yaml()})
+    coords = {**CONFIG.sweep.grid.fixed, **axes}
+    data = xr.Dataset(coords=coords, attrs={"configuration": CONFIG.to_yaml()})
     for name, value in PLAIN.items():
         if name not in omit:
             values = np.full(shape, value, np.dtype(VARIABLES[name].dtype))

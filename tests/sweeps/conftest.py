@@ -19,6 +19,7 @@ from matplotlib.text import Text
 
 from sweeps import interrupts, open_sweep
 from sweeps.attractor.knocks import Knock
+from sweeps.config.loading import parse_config
 from sweeps.plotting import canvas
 from sweeps.store.writer import SweepWriter
 from tests.helpers.clusters import WORKERS
@@ -66,7 +67,8 @@ def cheap_pictures():
 
     All pictures have one parser of formulas, which keeps all that it has read, not 50, and measure
     a text once, not once for each picture. Of the beginnings of a title, which all have formulas,
-    only those that are about as long as a line are measured. `with_layout` lays pictures out.
+    only those that are about as long as a line are measured. `with_layout` lays pictures out. The
+    configuration of a file is parsed once.
     """
     renderer_at = cache(partial(RendererAgg, 1, 1))
     measuring = matplotlib.text._get_text_metrics_function
@@ -87,7 +89,15 @@ def cheap_pictures():
         in_formula = any(word.count("$") % 2 for word in words)
         return width_of_line(self, text) if near or in_formula else whole
 
+    @cache
+    def of_grid(text, name, noun):
+        return parse_config(text, name, noun, table={})
+
+    def parsed(*about, table):
+        return parse_config(*about, table=table) if table else of_grid(*about)
+
     with pytest.MonkeyPatch.context() as patch, mpl.rc_context({"savefig.dpi": 150}):
+        patch.setattr("sweeps.opened.opened_sweep.parse_config", parsed)
         patch.setattr(matplotlib.text, "_get_text_metrics_function", of_renderer)
         patch.setattr(Text, "_get_rendered_text_width", width)
         parse = MathTextParser._parse_cached.__wrapped__

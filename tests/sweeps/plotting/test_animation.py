@@ -42,7 +42,7 @@ def motion_of(dataset, omega, periods):
     return simulate(oscillator, periods, steps_per_period=1000, x0=x, v0=v)
 
 
-@pytest.mark.parametrize("omega", [PERIODIC, CHAOTIC, RESTING])
+@pytest.mark.parametrize("omega", [CHAOTIC, RESTING])
 def test_the_mass_moves_as_the_motion_does_and_touches_the_stop_at_impacts(dataset, omega):
     film, motion = film_of(dataset, omega, periods=3, fps=7), motion_of(dataset, omega, 3)
     times, size, fps = film.times, np.ptp(motion.x), 7
@@ -62,7 +62,7 @@ def test_the_mass_moves_as_the_motion_does_and_touches_the_stop_at_impacts(datas
         assert abs(shown(film, nearest)[0]) < 1e-12 * size
 
 
-@pytest.mark.parametrize("omega", [PERIODIC, LONGER, RESTING, CHAOTIC])
+@pytest.mark.parametrize("omega", [LONGER, RESTING, CHAOTIC])
 def test_a_motion_is_shown_until_it_closes(dataset, omega):
     film, periods = film_of(dataset, omega, fps=5), 10 if omega == CHAOTIC else 4
     assert film.times[-1] == pytest.approx(periods * 2.0 * np.pi / omega)
@@ -78,9 +78,10 @@ def painted(film, frame):
 
 
 @pytest.mark.slow
-def test_a_gif_has_the_frames_of_the_film(dataset, folder, with_layout):
+def test_a_gif_has_the_frames_of_the_film(path, dataset, with_layout):
     """Colours differ by less than can be seen, and what does not move never changes."""
-    plot(dataset, "a.gif", "trajectory", {"omega": CHAOTIC}, periods=2, fps=2)
+    words = "--kind", "trajectory", "--at", "omega=2.81", "--fps", "2", "--periods", "2"
+    assert accepted("plot", path, *words, "-o", "a.gif").endswith("a.gif\n")
     film = film_of(dataset, CHAOTIC, periods=2, fps=2)
     pixels = [painted(film, frame) for frame in range(len(film.times))]
     still = np.all([one == pixels[0] for one in pixels], axis=(0, 3))
@@ -116,13 +117,6 @@ def test_each_frame_is_painted_as_the_whole_picture_would_be(dataset, page, with
         assert (red == green).all() and (green == blue).all()
     if page.ylim:
         assert film.mass.get_ylim() == film.over_time.get_ylim() == page.ylim
-
-
-@pytest.mark.slow
-def test_the_longest_animation_without_options_has_at_most_4_mb(dataset, folder):
-    """A fifth of its frames, in which more changes from one to the next."""
-    plot(dataset, "a.gif", "trajectory", {"omega": CHAOTIC}, fps=5)
-    assert 1e5 < Path("a.gif").stat().st_size < 4e6 / 5
 
 
 def test_an_mp4_is_made_by_ffmpeg(dataset, folder, monkeypatch):
@@ -183,28 +177,22 @@ def test_what_is_no_animation_is_refused_at_once(path, folder, words, message, m
     assert list(folder.iterdir()) == []
 
 
-def test_a_command_writes_the_motion_and_says_which(path, folder):
-    words = "--kind", "trajectory", "--at", "omega=2.61", "--fps", "2", "--periods", "1"
-    assert accepted("plot", path, *words, "-o", "motion.gif").endswith("motion.gif\n")
-    with Image.open("motion.gif") as image:
-        assert image.n_frames == 5
-    with pytest.raises(Refused, match="fps = 51 is not allowed; expected: an integer from 1 to 50"):
-        animate(path, fps=51)
-
-
 def test_a_notebook_gets_all_frames_whatever_the_limit_of_matplotlib(dataset):
     with animation.mpl.rc_context({"animation.embed_limit": 0.01}):
-        player = animate(dataset, at={"omega": PERIODIC}, periods=1, fps=2, page=Page(dpi=60))
-        assert player.to_jshtml().count("data:image/png") == 5
+        player = animate(dataset, at={"omega": PERIODIC}, periods=1, fps=1, page=Page(dpi=60))
+        assert player.to_jshtml().count("data:image/png") == 3
+    with pytest.raises(Refused, match="fps = 51 is not allowed; expected: an integer from 1 to 50"):
+        animate(dataset, fps=51)
 
 
 @pytest.mark.slow
 def test_a_motion_is_shown_over_two_repetitions_with_its_class():
     """A 3/2 motion over six periods; where no class is known, over four."""
-    for diagnostics, shown, periods in ((["period"], "class 3/2, $t_0=", 6), ([], "$t_0=", 4)):
-        oscillator = {"h": 0.05, "R": 0.5, "omega": 5.18, "f": 1.0}
-        record = {"transient": 300, "periods": 40, "diagnostics": diagnostics}
-        figure = plotting.trajectory(swept({"oscillator": oscillator, "record": record}))
+    oscillator, record = "{h: 0.05, R: 0.5, omega: 5.18, f: 1.0}", "{transient: 300, periods: 40}"
+    classed = swept(f"oscillator: {oscillator}\nrecord: {record}\n")
+    unclassed = classed.drop_vars(["period", "period_impacts"])
+    for data, shown, periods in ((classed, "class 3/2, $t_0=", 6), (unclassed, "$t_0=", 4)):
+        figure = plotting.trajectory(data)
         t = figure.axes[0].lines[0].get_xdata()
         assert t[-1] == pytest.approx(periods * 2.0 * np.pi / 5.18)
         assert f", {shown}" in figure.get_suptitle()
@@ -212,15 +200,15 @@ def test_a_motion_is_shown_over_two_repetitions_with_its_class():
 
 LONG = """
 oscillator: {h: 0.05, R: 0.8, omega: 2.3, f: 1.0}
-record: {transient: 0, periods: 3000, trajectory: {every: 7}}
+record: {transient: 0, periods: 2000, trajectory: {every: 7}}
 """
 
 
 @pytest.mark.slow
 def test_a_long_motion_is_drawn_by_whole_periods_from_all_of_it():
-    """No more samples than pixels, however long the record; here one period of three."""
+    """No more samples than pixels, however long the record; here one period of two."""
     dataset = swept(LONG)
-    figures = [plotting.trajectory(dataset, periods=periods) for periods in (None, 3000)]
+    figures = [plotting.trajectory(dataset, periods=periods) for periods in (None, 2000)]
     sampling = 7 / OpenedSweep(dataset).config.method.steps_per_period
     for figure, step in zip(figures, (sampling, 0.0), strict=True):  # as recorded, and computed
         t, x = figure.axes[0].lines[0].get_xdata(), figure.axes[0].lines[0].get_ydata()
@@ -229,7 +217,7 @@ def test_a_long_motion_is_drawn_by_whole_periods_from_all_of_it():
         periods = np.split(t / (2.0 * np.pi / 2.3), gaps)
         begins = np.array([piece[0 if i == 0 else 1] for i, piece in enumerate(periods[:1000])])
         ends = np.array([piece[-1] for piece in periods[:1000]])
-        np.testing.assert_allclose(begins, 3 * np.arange(1000), atol=step + 1e-6)
+        np.testing.assert_allclose(begins, 2 * np.arange(1000), atol=step + 1e-6)
         assert (ends - begins > 1.0 - step - 1e-6).all()
         assert np.nanmax(x) < 1e-9 and np.nanmin(x) < -0.3
-        assert "1,000 of 3,000 periods" in figure.get_suptitle().replace("\n", " ")
+        assert "1,000 of 2,000 periods" in figure.get_suptitle().replace("\n", " ")

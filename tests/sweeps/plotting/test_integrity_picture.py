@@ -92,10 +92,9 @@ def test_discs_and_knocks_are_those_of_the_attractors_with_a_look(dataset, no_kn
     assert "no disc and no knock for 1 other attractor" in legend_texts(figure)
 
 
-@pytest.mark.parametrize("grey", [False, True])
-def test_a_knock_that_ends_beyond_the_limits_is_said_so(dataset, no_knocks, monkeypatch, grey):
+def test_a_knock_that_ends_beyond_the_limits_is_said_so(dataset, no_knocks, monkeypatch):
     def named(**limits):
-        options = {"panels": ["basins"], "page": Page(grey=grey, **limits)}
+        options = {"panels": ["basins"], "page": Page(**limits)}
         figure = draw_integrity(dataset, at={"clearance": 0.6}, **options)
         knocks = (text for text in legend_texts(figure) if "least knock" in text)
         return ["beyond the limits" in text for text in knocks]

@@ -61,8 +61,7 @@ def entries(figure):
 
 @pytest.mark.parametrize(
     ("head", "factor"),
-    [("poincare_x", 1e3), ("poincare_x [mm]", 1e3), ("poincare_x[m]", 1.0),
-     ("poincare_x [um]", 1e6), ("poincare_x [\N{MICRO SIGN}m]", 1e6)],
+    [("poincare_x", 1e3), ("poincare_x[m]", 1.0), ("poincare_x [\N{MICRO SIGN}m]", 1e6)],
 )  # fmt: skip
 def test_a_column_is_in_the_unit_of_the_picture_or_in_its_own(rig, head, factor):
     """The displacements of the rig are some 0.5 mm, and its axis is in mm."""
@@ -196,16 +195,9 @@ def test_a_map_and_a_table_have_them_too(table):
 
 @pytest.mark.parametrize(
     ("text", "factor"),
-    [
-        ("no unit", 1e3),
-        ("x [m]", 1.0),
-        ("x (mm)", 1e3),
-        ("x [\N{MICRO SIGN}m]", 1e6),
-        (r"x [$\mu$m]", 1e6),
-        ("(s)", 1e3),
-    ],
+    [("no unit", 1e3), ("x [m]", 1.0), (r"x ($\mu$m)", 1e6), ("(s)", 1e3)],
 )
-def test_a_unit_in_a_label_is_that_of_ticks_and_overlay(rig, text, factor, with_layout):
+def test_a_unit_in_a_label_is_that_of_ticks_and_overlay(rig, text, factor):
     over = {"frequency": [25.0], "poincare_x": [factor * 1e-4]}
     figure = bifurcation(rig, overlay=over, page=Page(ylabel=text))
     figure.draw_without_rendering()

@@ -284,10 +284,11 @@ def test_motions_have_the_class_colours_and_no_stop_where_it_moves(dataset):
 
 @pytest.mark.slow
 def test_what_motions_share_is_said_and_what_cannot_be_told_apart_refused(dataset, monkeypatch):
-    figure = trajectory(dataset, color="period", at={"R": 0.8}, periods=100)
-    assert "after 208 forcing periods, 988 of 1,300 periods" in figure.get_suptitle()
+    monkeypatch.setattr("sweeps.opened.coordinates.MOST_DRAWN", 135)
+    figure = trajectory(dataset, color="period", at={"R": 0.8}, periods=20)
+    assert "after 208 forcing periods, 130 of 260 periods" in figure.get_suptitle()
     t = figure.axes[0].lines[0].get_xdata()
-    assert t[-1] == pytest.approx(100 * 2.0 * np.pi / 2.2) and np.isnan(t).any()
+    assert t[-1] == pytest.approx(19 * 2.0 * np.pi / 2.2, rel=0.06) and np.isnan(t).any()
     with pytest.raises(Refused, match="tells several motions apart, and only one point is left"):
         trajectory(dataset, color="period", at={"R": 0.8, "omega": 2.8})
     monkeypatch.setattr("sweeps.plotting.motion_pictures._MOST_MOTIONS", 25)

@@ -80,9 +80,7 @@ def hidden_ticks(figure):
 
 
 NARROW = [
-    ("map", "bifurcation", {"below": ("lyapunov", "impacts_per_period")}),
     ("map", "bifurcation", {"exact": [(1, 1), (2, 1)], "coordinate": "impact_phase"}),
-    ("map", "map", {}),
     ("map", "map", {"quantity": "lyapunov"}),
     ("map", "bifurcation", {"color": "impacts_per_period", "below": "lyapunov"}),
     ("map", "section", {"color": "period"}),
@@ -235,6 +233,11 @@ def test_width_title_and_limits_by_the_command(draw):
     assert imread("map-bifurcation.png").shape[1] == pytest.approx(3.4 * 300, abs=1)
     assert draw(*arguments, "--height", "5cm", "--dpi", "100").exit_code == 0
     assert imread("map-bifurcation.png").shape[:2] == (pytest.approx(197, abs=1), 340)
+    sizes = set()
+    for looks in ("--grey", "--no-legend", "--no-marks"):
+        assert draw("--kind", "bifurcation", "--dpi", "40", looks, "-o", "a.png").exit_code == 0
+        sizes.add(Path("a.png").read_bytes())
+    assert len(sizes) == 3
     for option, value in (("--width", "3.4"), ("--width", "0in"), ("--height", "3"), ("--dpi", "0"),
                           ("--xlim", "3:2"),
                           ("--ylim", "1"), ("--xlim", "nan:1")):  # fmt: skip
@@ -327,9 +330,13 @@ def test_a_panel_of_another_figure_is_drawn_into(dataset):
     assert plotting.trajectory(dataset, ax=three) is three[0].figure
 
 
-@pytest.mark.parametrize("layout", [None, "tight", "constrained"])
 @pytest.mark.parametrize(
-    ("kind", "options"), [("map", {"quantity": "impulse"}), ("section", {"color": "impulse"})]
+    ("kind", "options", "layout"),
+    [
+        ("map", {"quantity": "impulse"}, None),
+        ("map", {"quantity": "impulse"}, "tight"),
+        ("section", {"color": "impulse"}, "constrained"),
+    ],
 )
 def test_a_bar_is_clear_of_the_labels_of_its_panel(dataset, with_layout, kind, options, layout):
     ax = Figure(figsize=(7.0, 3.0), layout=layout).subplots(1, 2)[1]

@@ -16,8 +16,6 @@ from sweeps.plotting import Page, plot
 from sweeps.plotting.saving import save
 from tests.helpers.equal_points import equal_points
 
-pytestmark = pytest.mark.usefixtures("with_layout")
-
 BLUE = "#0072B2"
 
 

@@ -16,12 +16,8 @@ from sweeps.plotting.looks import period_cells
 from sweeps.plotting.maps import entries_of
 from sweeps.plotting.placed_names import placed_names
 from sweeps.plotting.style import CLASSES, LOOKS
-from tests.helpers.commands import accepted, refused
 from tests.helpers.equal_points import equal_points, legend, legend_texts
-from tests.helpers.sweep_files import run_in
 from vibroimpact.status import Status
-
-pytestmark = pytest.mark.usefixtures("with_layout")
 
 AXES = {"R": np.linspace(0.3, 0.9, 40), "omega": np.linspace(1.0, 4.0, 60)}
 
@@ -49,7 +45,7 @@ def names(figure):
     return found
 
 
-def test_every_name_is_in_a_region_of_its_class_and_has_room():
+def test_every_name_is_in_a_region_of_its_class_and_has_room(with_layout):
     dataset = blocks()
     found = names(parameter_map(dataset))
     assert sorted(name for name, _, _ in found) == ["1/1", "2/2", "4/4", "rest, 1 period"]
@@ -139,7 +135,7 @@ def entries(legend):
     ("width", "height", "grey"),
     [(2.4, None, True), (3.4, 2.6, False), (7.0, None, True)],
 )
-def test_a_legend_has_the_commonest_classes_on_every_page(width, height, grey):
+def test_a_legend_has_the_commonest_classes_on_every_page(width, height, grey, with_layout):
     """The page becomes higher for them, if it may; only rarer ones are left out, and counted."""
     figure = parameter_map(many_entries(), page=Page(width=width, height=height, grey=grey))
     figure.draw_without_rendering()
@@ -162,7 +158,7 @@ def test_a_legend_has_the_commonest_classes_on_every_page(width, height, grey):
 
 
 @pytest.mark.slow
-def test_a_legend_within_a_panel_does_not_bury_it():
+def test_a_legend_within_a_panel_does_not_bury_it(with_layout):
     figure = Figure(layout="constrained")
     panel, _ = figure.subplots(1, 2)
     parameter_map(many_entries(), ax=panel)
@@ -207,7 +203,7 @@ def bent_curves(count):
 @pytest.mark.parametrize(
     ("height", "grey", "exact"), [(None, False, None), (5.0, True, bent_curves(40))]
 )
-def test_every_class_above_two_per_cent_has_a_name(height, grey, exact):
+def test_every_class_above_two_per_cent_has_a_name(height, grey, exact, with_layout):
     """Sums and marks are judged by what they cover, as the classes are."""
     page = Page(width=3.4, height=height, grey=grey)
     figure = parameter_map(scattered(), exact=exact, page=page)
@@ -222,7 +218,7 @@ def test_every_class_above_two_per_cent_has_a_name(height, grey, exact):
         assert "13" in rests[0]
 
 
-def test_curves_and_meetings_have_a_name_before_classes():
+def test_curves_and_meetings_have_a_name_before_classes(with_layout):
     curves = bent_curves(40)
     curves["special"] = curves["special"].astype("U4")
     curves["special"].values[1::2] = "flip"
@@ -230,7 +226,7 @@ def test_curves_and_meetings_have_a_name_before_classes():
     assert shown[-1].endswith(" more") and {"flip", "fold", "graze", "cusp or meeting"} <= {*shown}
 
 
-def test_entries_of_one_width_are_beside_each_other_in_a_legend_within_the_figure():
+def test_entries_of_one_width_are_beside_each_other_in_a_legend_within_the_figure(with_layout):
     """So that more columns fit, and fewer classes are left out."""
     changed = {"orbit_distance": {(0, 0): 0.1}, "rest_fraction": {(0, 3): 0.5}}
     dataset = equal_points(axes=AXES, period={(1, 1): 0}, **changed)
@@ -256,21 +252,12 @@ def test_marks_can_be_left_out():
     assert not parameter_map(dataset, page=Page(legend=False)).legends
 
 
-def test_a_look_that_a_picture_does_not_have_is_refused(tmp_path):
+def test_a_look_that_a_picture_does_not_have_is_refused():
     dataset = equal_points(axes=AXES)
     with pytest.raises(Refused, match="only maps and diagrams can leave out marks"):
         section(dataset, page=Page(marks=False))
     with pytest.raises(Refused, match="grey = 1 is not allowed; expected: True or False"):
         Page(grey=1)
-
-
-@pytest.mark.slow
-def test_the_command_draws_in_grey(tmp_path):
-    run_in(tmp_path, "oscillator: {h: 0.1, R: [0.5, 0.8], omega: [2.0, 2.7, 2.8], f: 1.0}")
-    for number, looks in enumerate(([], ["--grey"], ["--no-legend"])):
-        accepted("plot", "out.h5", *looks, "--dpi", "50", "-o", f"{number}.png")
-    assert len({file.read_bytes() for file in tmp_path.glob("*.png")}) == 3
-    refused("plot", "out.h5", "--kind", "section", "--no-marks")
 
 
 @pytest.mark.parametrize(

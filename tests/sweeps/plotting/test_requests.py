@@ -175,18 +175,11 @@ def test_requests_that_do_not_fit_are_refused(without_impacts, tmp_path, options
 
 
 NAMES_ALONE = [
-    (parameter_map, "map", {"axes": "omega"}),
     (bifurcation, "map", {"axes": "omega"}),
-    (bifurcation, "map", {"axes": "omaga"}),
     (bifurcation, "map", {"below": "impulse"}),
-    (plotting.attractor_diagram, "starts over a parameter", {"axes": "omega"}),
-    (plotting.integrity, "starts over a parameter", {"panels": "basins"}),
     (plotting.table_panels, "table", {"axes": "omega"}),
     (plotting.table_panels, "table", {"panels": "x0"}),
-    (sweeps.curves, "map", {"axes": "omega"}),
     (sweeps.curves, "map", {"kinds": "flip"}),
-    (sweeps.curves, "map", {"kinds": "flop"}),
-    (sweeps.curves, "map", {"kinds": "omega"}),
 ]
 
 
@@ -202,7 +195,7 @@ def outcome(call, *arguments, **options):
 
 
 @pytest.mark.parametrize(("call", "shape", "argument"), NAMES_ALONE)
-def test_a_name_alone_means_that_name(files, no_knocks, call, shape, argument):
+def test_a_name_alone_means_that_name(files, call, shape, argument):
     """And not the names of its letters."""
     ((option, name),) = argument.items()
     with open_sweep(files / f"{shape}.h5") as dataset:
@@ -218,16 +211,14 @@ def test_a_name_alone_means_that_name(files, no_knocks, call, shape, argument):
 
 
 @pytest.mark.parametrize("find", [sweeps.branches, sweeps.bifurcations, sweeps.curves])
-@pytest.mark.parametrize("report", [None, 1, "no"])
-def test_a_report_is_a_function(random_sweep, find, report):
+def test_a_report_is_a_function(random_sweep, find):
     with pytest.raises(Refused, match=r"^report = .* is not allowed; expected: a function of"):
-        find(random_sweep({"omega": OMEGA}), report=report)
+        find(random_sweep({"omega": OMEGA}), report="no")
 
 
-@pytest.mark.parametrize("below", [xr.DataArray(1.0), [xr.DataArray(1.0)], "impulse", ["impulse"]])
-def test_a_panel_below_needs_a_figure_of_its_own(random_sweep, below):
+def test_a_panel_below_needs_a_figure_of_its_own(random_sweep):
     with pytest.raises(Refused, match="leave out ax or below"):
-        bifurcation(random_sweep({"omega": OMEGA}), below=below, ax=Figure().add_subplot())
+        bifurcation(random_sweep({"omega": OMEGA}), below=["h"], ax=Figure().add_subplot())
 
 
 def test_the_outermost_value_may_be_rounded(random_sweep):
@@ -317,14 +308,14 @@ def test_every_command_draws_or_refuses_every_file(shape, blocks, unpainted):
 def test_threads_take_turns_to_draw(random_sweep):
     """They share matplotlib's settings and its reader of formulas."""
     dataset, before = random_sweep({"omega": OMEGA, "R": R}), dict(mpl.rcParams)
-    pages = [plotting.Page(grey=grey) for grey in (False, True)] * 4
+    pages = [plotting.Page(grey=grey) for grey in (False, True)] * 3
 
     def colour(page):
         figure = section(dataset, page=page)
-        figure.savefig(BytesIO())
+        figure.savefig(BytesIO(), dpi=20)
         return figure.axes[0].lines[0].get_color()
 
     with ThreadPoolExecutor(4) as pool:
         colours = list(pool.map(colour, pages))
-    assert colours == colours[:2] * 4 and colours[0] != colours[1]
+    assert colours == colours[:2] * 3 and colours[0] != colours[1]
     assert dict(mpl.rcParams) == before
