@@ -242,7 +242,9 @@ class Worker(ThreadPoolExecutor):
     """One thread that computes the steps of the newest request one after the other."""
 
     def __init__(
-        self, post: Callable[[Callable[[], None]], None], fail: Callable[[str], None]
+        self,
+        post: Callable[[Callable[[], None]], None],  # runs a function in the document's thread
+        fail: Callable[[str], None],  # is called there with the text of an error
     ) -> None:
         super().__init__(1, "explore")
         self._post, self._fail = post, fail
@@ -254,7 +256,8 @@ class Worker(ThreadPoolExecutor):
         self.busy: tuple[str, bool, float] | None = None
 
     def ask(self, steps: Sequence[Step]) -> None:
-        """Replace the waiting steps; cancel the current one unless it is the first of its name."""
+        """Replace the waiting steps, and cancel the current one."""
+        # The first step of a name is not cancelled, because it compiles.
         self._stale[0] = 1
         self._requested = {}
         for step in steps:

@@ -83,6 +83,8 @@ def fitted(values: np.ndarray) -> Window:
 
 def density(values: np.ndarray, window: Window, rows: int) -> np.ndarray:
     """Return the share of a column's values in each pixel: 1 to 255, logarithmic; 0 for none."""
+    # They are uint8 of shape (rows, columns): 1 for ``LEAST_SHARE`` or less, 255 for all values of
+    # the column.
     columns = len(values)
     _, numbers = pixels_of(np.arange(columns), values, rows, *window)
     counts = np.bincount(numbers, minlength=columns * rows).reshape(columns, rows)

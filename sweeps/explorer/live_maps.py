@@ -67,10 +67,12 @@ class Tiles:
 
 
 class Filling:
-    """A map over the axis `x`, or of `basins` of starts, while it is computed, coarse to fine."""
+    """A map with the axis `x` on the abscissa, while its points are computed, coarse to fine."""
 
     def __init__(self, config: SweepConfig, x: str, basins: bool) -> None:
-        self.config, self._x, self._basins = config, x, basins
+        self.config, self._x = config, x
+        #: Whether the points are starts, which are assigned to the basins of their attractors.
+        self._basins = basins
         levels = np.maximum.outer(*map(_levels, config.sweep.grid.shape)).ravel()
         #: The numbers of the points in the order of their computation.
         # Each level in random order, so that the shares shown meanwhile are those of the whole map.

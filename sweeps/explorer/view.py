@@ -75,6 +75,9 @@ def _model_values(values: Mapping[str, float], nomenclature: Nomenclature) -> di
 
 def _scales(values: Mapping[str, float]) -> tuple[float, float]:
     """Return the typical length and rate of motions at a point."""
+    # The rate is p or, if the force is much faster, of the order of omega. The length is the
+    # deflection by the force at that rate, or the clearance if that is larger (but not more than
+    # ten times) or the force is 0.
     rate = max(values["p"], values["omega"] / math.sqrt(6.0))
     oscillator = oscillator_of(values)
     deflection, clearance = oscillator.force / (rate * rate), abs(oscillator.clearance)

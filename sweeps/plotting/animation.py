@@ -155,7 +155,8 @@ class _Film(canvas.Picture):
     def show_frame(self, frame: int) -> list[Artist]:
         """Show the motion up to the time of a frame; return what moves."""
         time = float(self.times[frame])
-        now = _state_at(self._motion, time)
+        # At an impact, numpy takes the later of two states.
+        now = np.array([time, *(np.interp(time, self._motion[0], row) for row in self._motion[1:])])
         for over_time, phases, rows in self._curves:
             past = rows[:, : rows[0].searchsorted(time, "right")]
             past = np.column_stack([past, now]) if rows is self._motion else past
@@ -231,16 +232,6 @@ def _frame_times(t: np.ndarray, count: int) -> np.ndarray:
     nearest, first = np.unique(np.rint(impacts / times[1]).astype(int), return_index=True)
     times[nearest] = impacts[first]
     return times
-
-
-def _state_at(motion: np.ndarray, time: float) -> np.ndarray:
-    """Return time, displacement and velocity at a time; at an impact those after it."""
-    after = motion[0].searchsorted(time, "right")
-    if after == motion.shape[1]:
-        return motion[:, -1]
-    begin, end = motion[:, after - 1], motion[:, after]
-    state: np.ndarray = begin + (time - begin[0]) / (end[0] - begin[0]) * (end - begin)
-    return state
 
 
 def save_animation(

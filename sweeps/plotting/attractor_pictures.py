@@ -96,7 +96,7 @@ class Basins(NamedTuple):
 
     starts: OpenedSweep
     table: list[AttractorRow]
-    numbers: np.ndarray
+    numbers: np.ndarray  # of the rows of the table, for each start
     looks: Looks
 
     @classmethod

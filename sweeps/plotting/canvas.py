@@ -133,7 +133,9 @@ class Picture(Figure):
         shares: Mapping[Artist, float] | None = None,
     ) -> None:
         """Put a legend below the panels, for which the figure becomes higher."""
-        # It shrinks to fit a page; that of a map has a fifth, and panels grow by up to a half.
+        # It shrinks to fit a page, but that of a map, whose entries have `shares` of it, takes a
+        # fifth of the height. If what covers much needs more, the panels become higher, too, but by
+        # at most a half.
         room = SHARE / (1.0 - SHARE)
         heights = [room * (self.get_figheight() + more * self._usual) for more in (0.0, 0.5)]
         if shares is None:
@@ -193,6 +195,7 @@ def new_panel(ax: Axes | None, page: Page) -> Axes:
 
 def stacked_panels(page: Page, heights: Sequence[float], shared: Sequence[int]) -> list[Axes]:
     """Return panels of these relative heights; of those `shared` the last labels the abscissa."""
+    # The `heights` are in units of the usual height.
     figure = Picture(page, sum(heights))
     panels = figure.subplots(len(heights), height_ratios=heights, squeeze=False)[:, 0]
     for number in shared[:-1]:
@@ -205,6 +208,7 @@ def panel_grid(
     page: Page, count: int, across: int, height: float, sharex: bool = False
 ) -> list[Axes]:
     """Return so many panels with one ordinate, so many beside each other, of a relative height."""
+    # The `height` is that of a row in units of the usual height.
     down = math.ceil(count / across)
     figure = Picture(page, height * down)
     grid = figure.subplots(down, across, squeeze=False, sharex=sharex, sharey=True).ravel()
@@ -328,7 +332,9 @@ def finish(
     shares: Mapping[Artist, float] | None = None,
 ) -> Figure:
     """Put the title of a `cut` above a `Picture` and the legend below it; return the figure."""
-    # In another figure, the panel gets the legend, and a title only if the page has one.
+    # In another figure, the panel gets the legend, and a title only if the page has one. `handles`
+    # are by default those of the panel; `record` replaces that of the configuration in the title; a
+    # map has `shares`.
     figure = figure_of(panel)
     handles = panel.get_legend_handles_labels()[0] if handles is None else handles
     handles = [handle for handle in handles if is_in_view(handle)]

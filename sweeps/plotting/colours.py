@@ -62,7 +62,7 @@ class Paint(NamedTuple):
     """The colours of a number per point, each field in the shape of ``status``."""
 
     variable: xr.DataArray  # describes the values
-    cells: list[Cells]  # have a colour in the legend
+    cells: list[Cells]  # have a colour in the legend; in grey, dots have markers, curves dashes
     values: np.ma.MaskedArray  # have one of a colour bar; masked elsewhere
     norm: Normalize
     ramp: Colormap
@@ -87,6 +87,8 @@ class Paint(NamedTuple):
 
     def add_markers(self, panel: Axes, x: np.ndarray, y: np.ndarray) -> None:
         """In grey, give some dots, of which each point has a row, the marker of their cells."""
+        # The panel has its limits; `x` and `y` have the shape of ``status`` and one further
+        # dimension, with NaN for no value.
         for cell in self.cells if self.grey else ():
             if cell.look.marker != ".":
                 points = np.stack([x[cell.where].ravel(), y[cell.where].ravel()], axis=1)
@@ -140,6 +142,7 @@ def has_scale(name: str) -> bool:
 
 def paint_of(cut: OpenedSweep, name: str, *, dots: bool = False, grey: bool = False) -> Paint:
     """Return the colours of a number, or of the directions, at the points of a cut."""
+    # With `dots` no colour is that of the ground; with `grey` all are greys, hatches or markers.
     variable = contents.number_at(cut, name)
     ramp = style.grey_ramp() if grey else mpl.colormaps[mpl.rcParams["image.cmap"]]
     ramp, title = style.legible(ramp) if dots else ramp, None
@@ -196,6 +199,7 @@ def coloured_points(
     sweep: OpenedSweep, at: Selection | None, color: contents.NameOrArray, grey: bool
 ) -> tuple[OpenedSweep, Paint]:
     """Return the points that `at` leaves and their colours; refuse a single point."""
+    # They are of one direction, by default the first, unless the colours tell the directions apart.
     sweep, name = contents.with_number(sweep, color, for_colour=True)
     free = {*sweep.grid} - {*(at or {}), *({DIRECTION} - {name})}
     points = sweep.cut(at, free=[*map(str, free)])
@@ -255,6 +259,7 @@ def _special_cells(
 
 def _scale(name: str, values: np.ndarray, rounding: float) -> Normalize:
     """Return a scale centred on 0 if both signs occur, else a logarithmic or a linear one."""
+    # A scale centred on 0 does not end within the `rounding` of the values.
     if not values.size:
         return Normalize(0.0, 1.0)
     low, high = float(values.min()), float(values.max())

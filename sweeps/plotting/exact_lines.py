@@ -66,7 +66,8 @@ def branch_pieces(
 
 def without_idle(branches: xr.Dataset, line: OpenedSweep) -> tuple[xr.Dataset, int]:
     """Return the branches that a diagram of a line draws, and the number of those left out."""
-    # Drawn are those to which motions go, and those that meet one of these, which bound them.
+    # Of more than a few branches that were not chosen, drawn are those to which motions of the line
+    # go, and those that meet one of these at a bifurcation, which bound the motions.
     (axis,), count = map(str, branches.coords), 1 + branches["branch"].values.max(initial=-1)
     if count <= _BRANCHES_IN_FULL or branches.attrs.get("chosen") or "period" not in line:
         return branches, 0
@@ -111,6 +112,7 @@ def draw_branches(
     marks: bool = True,
 ) -> dict[str, list[Line2D]]:
     """Draw `sweeps.branches`, thinly where unstable `in_chaos`; return the lines by their names."""
+    # The lines are thin and have the colour of texts unless the ground `is_plain`, in one colour.
     props = _OVER_ONE_COLOUR if is_plain else {"color": ink(), **_OVER_COLOURS}
     lines: dict[str, list[Line2D]] = {name: [] for name in (*LINES, _THIN_LINES, *MARKERS)}
     for name, x, y, thin, _ in branch_pieces(branches, coordinate):
@@ -171,6 +173,8 @@ def _pieces(
     curves: xr.Dataset, cut: OpenedSweep, allowed: Container[tuple[int, int]] | None
 ) -> Iterator[tuple[int, np.ndarray, bool]]:
     """Yield the number and points (k, 2) of each piece, and if it bounds an `allowed` class."""
+    # A piece bounds a motion if a cell with the class of its orbit and one without it are within
+    # one cell.
     from scipy.ndimage import maximum_filter
 
     regimes, *numbers = cut.classes
@@ -213,6 +217,8 @@ def draw_curves(
     panel: Axes, curves: xr.Dataset, cut: OpenedSweep, marks: bool
 ) -> dict[Artist, float]:
     """Draw `sweeps.curves` over a map of a cut; return handles and shares for its legend."""
+    # Pieces that bound a motion are strong. The others are thin: there the start leads to another
+    # orbit. Of many curves, only those that bound a class with a colour of its own are drawn.
     limits = panel.get_xlim(), panel.get_ylim()
     kinds = _one_point_each(curves)["kind"].values
     is_many = len(kinds) > _CURVES_IN_FULL

@@ -38,9 +38,12 @@ def fit_legend(
     shrinks: bool = False,
 ) -> Legend:
     """Return the legend that `make` makes of as many entries as have room."""
-    # The `rooms` are the usual and the greatest width and height [px]. Entries with little of the
-    # `shares` of a map are left out first, and of equals the last. A legend that `shrinks` becomes
-    # small, and then its long entries have two lines, before it loses any; another its title, too.
+    # The `rooms` are the usual and the greatest width and height [px]. Given the `shares` of a map,
+    # entries that explain little are left out to fit the usual room. A legend that `shrinks` is
+    # small if it is higher than usual, and then long entries have two lines, so that more columns
+    # fit; another is always small. If it is too large for the greatest room, all entries but one
+    # can be left out: those that explain least first, and of equals the last. So is the title,
+    # unless it shrinks.
     usual, most = rooms
     widest = usual[0] / WIDTH
     if title is not None:
@@ -116,6 +119,8 @@ def _fitted(
     shares: Mapping[Artist, float] | None = None,
 ) -> Legend:
     """Return a legend of as many columns and entries as fit; the first `spare` ones go first."""
+    # A further entry counts what is left out. With their `shares` of a map, the classes come first,
+    # and then entries of one length are beside each other, so that more columns fit.
     width, height = room
     if shares is not None:
         handles = sorted(handles, key=lambda handle: -shares[handle])

@@ -80,6 +80,7 @@ def period_cells(
     regimes: np.ndarray, m: np.ndarray, q: np.ndarray, *, grey: bool = False, hatched: bool = True
 ) -> list[Cells]:
     """Return the points of each of ``CLASSES`` and regime, `hatched` by the period of rest."""
+    # Chaotic and unknown motions have their share of the points with a result.
     periodic = regimes == Regime.PERIODIC
     cells = []
     for periods, impacts in style.CLASSES:
@@ -184,7 +185,8 @@ def _further(
     number: np.ndarray, m: np.ndarray, q: np.ndarray
 ) -> dict[tuple[int, int, int], int | None]:
     """Return a further look for each attractor without that of its class, if any is free."""
-    # The arrays have the shape (parameter points, coexisting).
+    # The arrays have the shape (parameter points, coexisting). No two attractors at one point have
+    # the same further look; each takes the one with the fewest points.
     classes = np.stack([number, m, q], axis=-1)[(number >= 0) & (m > 0)]
     nowhere = np.zeros(len(number), bool)
     of_class: dict[tuple[int, int], np.ndarray] = {}
@@ -235,6 +237,7 @@ def names_of(
     series: Sequence[Sequence[AttractorRow]], source: Names, axis: xr.DataArray | None = None
 ) -> list[tuple[str, str]]:
     """Name the classes or the regime of each series, and a state where two have one class."""
+    # The state is at the section, for several values of an `axis` with that value.
     counts = Counter(
         name for rows in series for name in {row.name for row in rows if len(row.states)}
     )

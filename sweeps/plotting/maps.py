@@ -134,6 +134,7 @@ def view_of(panel: Axes, cut: OpenedSweep) -> tuple[np.ndarray, ...]:
 
 def entries_of(cut: OpenedSweep, cells: Iterable[Cells], view: Any = ...) -> dict[Artist, float]:
     """Return the entries of a legend for the cells in view, and the share that each explains."""
+    # That of the commonest rest explains the colour of all; failed points are no less than common.
     status, shares = cut["status"].values[view], dict[Artist, float]()
     for cell in (cell.within(view) for cell in cells):
         if cell.where.any():
@@ -170,6 +171,7 @@ def name_and_bound(
 
 def draw_cells(panel: Axes, cut: OpenedSweep, cells: Iterable[Cells]) -> None:
     """Draw the cells of a cut with increasing axes, hatch pending points, and label the axes."""
+    # The dimensions of ``status`` must be the ordinate and the abscissa, both increasing.
     x, y = _edges_of(cut)
     for axis, name, edges in zip((panel.yaxis, panel.xaxis), cut.grid, (y, x), strict=True):
         labels.label_axis(axis, cut[name])

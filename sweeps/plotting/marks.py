@@ -38,6 +38,7 @@ def draw_points(
     marker: str = "o",
 ) -> None:
     """Draw markers in one colour or one each, at most so large, smaller the more they cover."""
+    # The colours have the shape (n, 4); none is the plain one.
     if not len(y):
         return
     size = marker_size(x, y, 0.5, most) if size is None else size
@@ -96,7 +97,9 @@ def mark_status(
     grey: bool = False,
 ) -> None:
     """Mark failed and pending points, and `masks` by a name of ``MARKS``, in a strip below."""
-    # Of (directions, n) points, the legend counts those in view, and those without an abscissa.
+    # The legend counts those within the limits of the abscissa, which must have been set, and those
+    # without an abscissa. `values` are the abscissas, shape (n,); `status` and the `masks` have the
+    # shape (n,) or (directions, n).
     kinds = [(status_name(s), colour, status == s) for s, colour in STATUS_COLOURS.items()]
     kinds += [(name, MARKS[name][grey], where) for name, where in (masks or {}).items()]
     kinds = [(name, dot_colour(colour), where) for name, colour, where in kinds if where.any()]
@@ -123,6 +126,8 @@ def mark_status(
 
 def _spread(panel: Axes, x: np.ndarray, where: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return abscissas of marks with the share of the points, and if the next one is beside."""
+    # A mark is a point wide. Where several values are in it, those with most marked values have
+    # one.
     values, index = np.unique(x, return_inverse=True)
     is_marked = np.bincount(index.ravel(), where.ravel()) > 0.0
     panel.get_xlim()  # matplotlib delays the limits
@@ -139,6 +144,8 @@ def _spread(panel: Axes, x: np.ndarray, where: np.ndarray) -> tuple[np.ndarray, 
 
 def nearest_distances(values: np.ndarray, others: np.ndarray, size: float) -> np.ndarray:
     """Return how far the nearest other in its row is from each value, at most 2 times `size`."""
+    # The arrays have the shapes (n, k) and (n, l), with NaN for no value, as the result, shape (n,
+    # k). The distance is 2 if there are no others in the row.
     row = 5.0 * np.arange(len(values))[:, None]  # more than any distance
     low = np.fmin(*(np.min(each[np.isfinite(each)], initial=np.inf) for each in (values, others)))
     # Without an exponent of -inf, that of a motion with rest.
@@ -164,6 +171,7 @@ def agreeing(up: np.ndarray, down: np.ndarray, chaos: np.ndarray) -> list[np.nda
 
 def in_both(columns: np.ndarray, axis: int) -> np.ndarray:
     """Return the mask of points, shape (2, ..., k), that both directions along an axis have."""
+    # The points have NaN for no value; the mask has the shape (..., k).
     from scipy.spatial import cKDTree
 
     low, high = (extreme(columns.reshape(2, -1), axis=1) for extreme in (np.nanmin, np.nanmax))
@@ -195,6 +203,9 @@ def draw_jumps(
     panel: Axes, x: np.ndarray, up: np.ndarray, down: np.ndarray, colours: Sequence[str]
 ) -> list[Artist]:
     """Draw an arrow to the next motion at each end of a range of x in which directions differ."""
+    # An end is the last value, in a direction, of such a range. `x`, shape (n,), increases; `up`
+    # and `down` are values of the points, shape (n, k). The handle for the legend is of any arrow
+    # in view.
     size, handles = _extent(up, down) or 1.0, list[Artist]()
     for start, stop, differ in runs(_motions_differ(up, down, size).tolist()):
         if not differ:

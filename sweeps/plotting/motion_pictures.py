@@ -40,6 +40,7 @@ def _draw_records(
     set_view: Callable[[Axes, OpenedSweep, Sequence[np.ndarray]], None],
 ) -> Figure:
     """Draw two coordinates recorded at one point or, with a color, at all that `at` leaves."""
+    # `set_view` gets the panel, the points drawn and both columns, and sets the ends of the axes.
     sweep.check(*names)
     paint, rgba, handles = None, None, list[Artist]()
     if color is None:

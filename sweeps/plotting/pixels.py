@@ -61,6 +61,8 @@ def pixels_of(
     columns: np.ndarray, values: np.ndarray, rows: int, low: float, high: float
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the index in `columns`, (k,), of each value, (k, width), in view, and its pixel."""
+    # The `columns` of the points are all within the panel; `values` have NaN for missing ones. The
+    # ordinate ranges from `low` to `high`. The pixels are numbered column by column.
     scaled = np.floor((values - low) * (rows / (high - low)))
     visible = (scaled >= 0.0) & (scaled < rows)  # False for NaN
     index = np.repeat(np.arange(len(columns)), visible.sum(axis=1))
@@ -78,6 +80,8 @@ def widened(low: float, high: float) -> tuple[float, float]:
 
 def cell_edges(values: np.ndarray, log: bool) -> np.ndarray:
     """Return the n + 1 edges halfway between n increasing values, or around a repeated one."""
+    # With `log` halfway on a logarithmic scale. The cell of a single value is as wide as its
+    # magnitude, or 1 at 0; if it is repeated, the cells share this.
     if values[0] == values[-1]:
         half = 0.5 * abs(values[0]) or 0.5
         return np.linspace(values[0] - half, values[0] + half, len(values) + 1)
@@ -130,8 +134,10 @@ def draw_density(
     tint: np.ndarray | None = None,
 ) -> bool:
     """Draw the share of each column's points in each pixel, with a bar; return if there is any."""
-    # Last, because the pixels are those of the finished panel in a PNG. With two directions a pixel
-    # has the colour of those in it; with a `tint` for each point, shape (n, 4), that of one in it.
+    # Last, because the pixels are those of the finished panel in a PNG. A column is one of the
+    # `values` of the axis, or one pixel wide if there are more values than pixels. With two
+    # directions a pixel has the colour of the one with points in it, or of both; with a `tint` for
+    # each point, shape (n, 4), that of one in it.
     figure = figure_of(panel)
     ramps = _ramps(colours if len(directions) > 1 else ())
     if tint is None:

@@ -32,6 +32,8 @@ def name_regions(
     panel: Axes, edges: Sequence[np.ndarray], classes: np.ndarray, names: Mapping[int, str]
 ) -> list[Text]:
     """Write the name of its class into every region of a finished panel that has room for it."""
+    # It is where the region is widest, and upright where only an upright name has room. `edges` are
+    # those of the cells along abscissa and ordinate; `classes`, shape (rows, columns), are numbers.
     canvas.lay_out(panel)
     raster = _class_of_pixels(panel, edges, classes)
     scale = _PER_INCH / figure_of(panel).dpi
@@ -75,6 +77,7 @@ def placed_names(
     free: np.ndarray | bool = True,
 ) -> Iterator[tuple[str, int, int, bool]]:
     """Yield a name for each region with room in `free` pixels: row, column, if it is upright."""
+    # `classes` are those of pixels; `box` returns the height and the width of a name in pixels.
     number, sizes = _regions(classes)
     count = 0
     for region in np.argsort(-sizes, kind="stable").tolist():

@@ -50,6 +50,7 @@ _MOST_IN_LINE = 240
 
 def description(attributes: Mapping[str, Any], command: str) -> tuple[str, str, str]:
     """Return title, program and text for the metadata of a picture, drawn by a `command` or not."""
+    # The command may name files that are not in UTF-8.
     about = {
         name.removesuffix("_version"): value
         for name, value in attributes.items()
@@ -154,6 +155,9 @@ def _as_tiff(png: BytesIO, about: Mapping[str, str]) -> bytes:
 
 def _make_opaque(figure: Figure) -> None:
     """Prepare a figure for PostScript, so that it looks as in the other formats."""
+    # In each panel, what consists of pixels and all that is below it become one image. Labels,
+    # ticks and frame are drawn above it. Transparent lines get the colour that they have on white
+    # paper.
     for panel in figure.axes:
         _make_one_image(panel)
     for line in figure.findobj(Line2D):

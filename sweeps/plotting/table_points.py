@@ -58,6 +58,7 @@ class Overlay(NamedTuple):
 
     def values(self, name: str, limits: Any, text: str | None = None) -> np.ndarray:
         """Return a column in the unit of the dataset; without its own, it has that of the ticks."""
+        # The ticks are of an axis or a bar with these `limits` and this `text`.
         size = float(np.abs(limits).max())
         factor = self.units.get(name, labels.prefix_of(self.variables[name], size, text)[1])
         return factor * self.columns[name]
@@ -67,6 +68,7 @@ def read_overlay(
     source: Any, sweep: OpenedSweep, needed: Sequence[Sequence[str]], quantity: str = ""
 ) -> Overlay | None:
     """Read a table with a column of each `needed` group, and a `quantity` on a scale, if any."""
+    # None if there is no table.
     if source is None:
         return None
     names = [name for group in needed for name in group]
@@ -147,6 +149,8 @@ def draw_overlay(
     scale: tuple[str, Colormap, Normalize] | None = None,
 ) -> list[Artist]:
     """Draw the points in each panel, with room unless on a map; return handles for the legend."""
+    # Limits that the page does not give make room, but not on a map, which has the `scale` of a
+    # quantity. The legend counts the points that are outside of all panels.
     if overlay is None:
         return []
     inside = np.zeros(len(overlay.labels), bool)
