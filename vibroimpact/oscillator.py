@@ -329,11 +329,12 @@ def refuse_invalid(points: object, beyond_stop: bool) -> None:
         raise ValueError(refusal(f"points of the shape {points.shape}", "the shape (n,)"))
     for name, parameter in PARAMETERS.items():
         values = points[name]
-        wrong, allowed = ~parameter.accepts(values), parameter.allowed
-        if name == "x0" and not beyond_stop and not wrong.any():
-            wrong, allowed = values > points["clearance"], "at most the clearance"
+        wrong, stop = ~parameter.accepts(values), points["clearance"]
+        beyond = name == "x0" and not beyond_stop and not wrong.any()
+        wrong = values > stop if beyond else wrong
         if wrong.any():
             row = int(np.argmax(wrong))
+            allowed = f"at most the clearance = {stop[row]:g}" if beyond else parameter.allowed
             given = f"points[{row}]: {name} ({parameter.meaning}) = {float(values[row])!r}"
             raise ValueError(refusal(given, allowed))
     if not (finite := np.isfinite(with_one_force(points)["f"])).all():

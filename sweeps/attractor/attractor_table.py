@@ -13,7 +13,7 @@ import numpy as np
 import xarray as xr
 
 from sweeps.attractor.attractors import ATTRACTOR_COLUMNS, SETS, GridIndex
-from sweeps.attractor.tracking import MOST_TRACKED
+from sweeps.attractor.tracking import EXTENSIONS, MOST_CONTINUED, MOST_TRACKED
 from sweeps.grid import TABLE
 from sweeps.opened.export import headed
 from sweeps.opened.motions import run_on
@@ -170,6 +170,11 @@ def attractor_report(
         lines.append(
             f"{100.0 * followed:.1f} % of the starts were followed beyond their record, which "
             "does not show their attractor"
+        )
+    if left_out := result.attrs["left_out"]:
+        lines.append(
+            f"chaos and unknown starts were not followed to the end, but all together for at most "
+            f"{MOST_CONTINUED:,} forcing periods: {left_out} of {EXTENSIONS} extensions left out"
         )
     unknown = result["fraction"].where(result["motion"] == Regime.UNKNOWN).sum("coexisting")
     if unknown.any():

@@ -147,6 +147,9 @@ def attractors(
         - ``attractors``: how many attractors, periodic, with rest or chaotic, were found; a
           lower bound.
 
+        The attribute ``left_out`` counts the extensions left out because all motions together are
+        followed for at most 300,000,000 forcing periods.
+
         For each attractor of a parameter point, along the dimension ``coexisting`` with the most
         frequent first, and -1 or NaN where there are no more:
 
@@ -182,7 +185,8 @@ def attractors(
     index, motions = GridIndex.of(sweep), sweep.motions.ravel()
     followed = on_its_way(motions["regime"], sweep["orbit_distance"].values.ravel())
     followed |= motions["m"] > sweep.sizes["section"]
-    followed |= settle(motions, sweep, index.parameter, extensions)
+    continued, left_out = settle(motions, sweep, index.parameter, extensions)
+    followed |= continued
     heads, of_point = attractors_of(motions, index.parameter, spec, tolerance)
     parameter, members = index.parameter[heads], np.bincount(of_point[of_point >= 0])
     fraction = members / np.bincount(parameter, members)[parameter]
@@ -209,7 +213,8 @@ def attractors(
         data[name] = (status.dims, values.reshape(status.shape), {"long_name": meaning})
     data["attractors"] = index.parameters, counted, {"long_name": "distinct attractors found"}
     names = {*data, "coexisting", SETS}  # a column of a table may have one of these names
-    return xr.Dataset(data, status.drop_vars(names, errors="ignore").coords)
+    coords = status.drop_vars(names, errors="ignore").coords
+    return xr.Dataset(data, coords, {"left_out": left_out})
 
 
 def _by_rank(

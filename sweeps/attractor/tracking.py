@@ -61,17 +61,17 @@ _POINTS_AT_ONCE = 4_000
 
 def settle(
     motions: np.ndarray, sweep: OpenedSweep, parameter: np.ndarray, extensions: int
-) -> np.ndarray:
+) -> tuple[np.ndarray, int]:
     """Continue motions that go to no known attractor, and write the regimes and orbits they reach.
 
     Motions of `motions`, of dtype ``MOTION``, shape (n,), that are not periodic get their last
     states as starts. `parameter` is the parameter point of each. Returns the mask of those that
-    were continued.
+    were continued, and how many extensions ``MOST_CONTINUED`` left out.
     """
-    regime, continued = motions["regime"], np.zeros(len(motions), bool)
+    regime, continued, left_out = motions["regime"], np.zeros(len(motions), bool), 0
     without = (regime != Regime.PERIODIC) & (regime > Regime.FAILED)
     if not without.any():
-        return continued
+        return continued, left_out
     state = _last_states(motions["point"], sweep)
     motions["point"][without] = state[without]
     share, chatters = (sweep[name].values.ravel() for name in ("rest_fraction", "chatters"))
@@ -85,6 +85,7 @@ def settle(
         periods = 3 * length * 4**i + _CLASS_PERIODS
         planned += periods * going.size
         if not going.size or planned > MOST_CONTINUED:
+            left_out = (extensions - i) * bool(going.size)
             break
         continued[going] = True
         motions[going], state[going], rested = _continue(sweep.spec, state[going], periods)
@@ -102,7 +103,7 @@ def settle(
         regime[chaotic] = np.where(rests_again, Regime.REST, Regime.CHAOTIC)[chaotic]
         regime[chaotic & chaos_ends] = Regime.UNKNOWN
         motions["m"][chaotic] = 0
-    return continued
+    return continued, left_out
 
 
 def _last_states(points: np.ndarray, sweep: OpenedSweep) -> np.ndarray:

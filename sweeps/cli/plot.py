@@ -272,7 +272,8 @@ def draw_picture(
     for name, value in silent_cuts(sweep, kind, fixed, *picks).items():
         first, size = f"{value:g}" if isinstance(value, float) else value, sweep.sizes[name]
         common.say(
-            f"{name} = {first}, the first of {size}: --at {name}=VALUE takes another", error=True
+            f"{name} = {first}, the first of {size}: plot --at {name}=VALUE takes another",
+            error=True,
         )
     for line in lines:
         common.say(line)

@@ -65,10 +65,11 @@ def run_command(
     quiet: bool = QUIET,
 ) -> None:
     """Compute the sweep that each CONFIG describes, one after the other."""
-    from sweeps.store.paths import check_output
+    from sweeps.store.paths import check_output, refuse_both
     from sweeps.store.schema import refuse_columns
 
     existing = {"overwrite": overwrite, "resume": resume}
+    refuse_both(**existing)
     loaded = []
     for source in configs:
         check()

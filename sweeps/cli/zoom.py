@@ -52,9 +52,10 @@ def zoom_command(
     """Compute a piece of a sweep with the same number of points along its axes, and draw it."""
     from sweeps.plotting.page import Page
     from sweeps.plotting.saving import check_picture
-    from sweeps.store.paths import check_output
+    from sweeps.store.paths import check_output, refuse_both
 
     existing = {"overwrite": overwrite, "resume": resume}
+    refuse_both(**existing)
     axes, coordinate, limits = _pieces_and_limits(pieces, coordinate)
     inches = common.inches("--width", width)
     page = Page(ylim=limits, yunit="", width=inches, title=title, grey=grey, marks=not no_marks)

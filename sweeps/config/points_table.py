@@ -247,8 +247,10 @@ def _checked(name: str, column: np.ndarray, parameters: Mapping[str, Parameter])
     if wrong.any():
         row = int(wrong.argmax())
         typed = shortened(printable(str(column[row]))) or "(nothing)"
-        point = ", with a decimal point" if parameter and "," in typed else ""
-        problem = f"{typed} is not allowed; expected: {allowed}{point}"
+        hint = ", with a decimal point" if parameter and "," in typed else ""
+        if parameter is None and not isinstance(column[row], str):
+            hint = "; astype(str) makes texts of truth values and dates"
+        problem = f"{typed} is not allowed; expected: {allowed}{hint}"
         raise ValueError(f"row {row + 1}, column {name} = {problem}")
     if parameter is not None:
         return values.astype(float, copy=False)

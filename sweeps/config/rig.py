@@ -221,7 +221,8 @@ def model_name(name: str) -> str:
 def with_rig(data: dict[str, Any]) -> dict[str, Any]:
     """Prepare the data of a configuration with a rig: its oscillator, and the followed axis."""
     if "oscillator" in data:
-        raise ConflictError(("oscillator",), "conflicts with rig", "one of them, as rig.R")
+        first, second = (key for key in data if key in ("oscillator", "rig"))
+        raise ConflictError((second,), f"conflicts with {first}", f"one of them, as {first}.R")
     data = {**data, "oscillator": dict.fromkeys(OscillatorConfig.model_fields, Elsewhere.RIG)}
     follow = data.get("follow")
     if isinstance(follow, dict) and isinstance(follow.get("axis"), str):

@@ -142,7 +142,7 @@ def check_options(kind: str, options: Iterable[str], output: Path) -> None:
             f"picture trajectory and without color, or an ending of a picture, as .png"
         )
     if "fps" in options and not is_animated(output):
-        raise Refused(f"fps is not allowed for {output}; expected: {' or '.join(ANIMATED)}")
+        raise Refused(f"fps is only for an output that ends in {' or '.join(ANIMATED)}")
     for option in options:
         kinds = [name for name, taker in KINDS.items() if option in taker.options]
         if not kinds:

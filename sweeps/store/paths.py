@@ -134,12 +134,17 @@ def is_sweep(path: Path) -> bool:
     return kind in (Content.SWEEP, Content.HDF5)
 
 
-def check_output(path: str | Path, *, overwrite: bool = False, resume: bool = False) -> None:
-    """Refuse a path where a sweep cannot be written, or may not replace what is there."""
+def refuse_both(*, overwrite: bool, resume: bool) -> None:
+    """Refuse to resume and to overwrite at the same time."""
     if overwrite and resume:
         raise StoreError(
             "--resume and --overwrite (resume and overwrite in Python) exclude each other"
         )
+
+
+def check_output(path: str | Path, *, overwrite: bool = False, resume: bool = False) -> None:
+    """Refuse a path where a sweep cannot be written, or may not replace what is there."""
+    refuse_both(overwrite=overwrite, resume=resume)
     path = Path(path)
     check_path(path, "output")
     parts = parts_path(path)

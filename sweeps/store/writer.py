@@ -81,7 +81,7 @@ def sweep_writer(
     except OSError as error:
         raise StoreError(f"{str(path)!r} cannot be locked for writing: {reason(error)}") from None
     try:
-        writer = SweepWriter(real, resume)
+        writer = SweepWriter(path, real, resume)
         check_output(path, overwrite=overwrite, resume=resume)
         with _failure(path, "created"):
             folder.mkdir(mode=0o755, exist_ok=True)  # no other user may write there
@@ -107,11 +107,11 @@ class SweepWriter:
     disk, or if another program has removed or changed the blocks.
     """
 
-    def __init__(self, path: Path, resume: bool) -> None:
-        self._path, self._resume = path, resume
+    def __init__(self, typed: Path, path: Path, resume: bool) -> None:
+        self._typed, self._path, self._resume = typed, path, resume
         #: The files that are replaced or removed; others may appear from now on, and stay.
         self._files: dict[Path, Identity] = {}
-        with _failure(path, "written"):
+        with _failure(typed, "written"):
             for file in (path, *parts_path(path).glob("*")):
                 if file.is_file() and not file.is_symlink():
                     self._files[file] = identity(file) or ()
@@ -125,22 +125,22 @@ class SweepWriter:
         """
         path, folder = self._path, parts_path(self._path)
         incomplete = identity(folder / SCHEMA) is not None
-        with _failure(path, "written"):
+        with _failure(self._typed, "written"):
             remove_leftovers(path)  # drafts may be large
             if incomplete:
                 self._remove_files(DRAFT)
         if self._resume and (incomplete or content(path) not in (None, Content.NOTHING)):
             old = schema_of(folder / SCHEMA if incomplete else path)
             if differing := schema.differences(old):
+                named = parts_path(self._typed) if incomplete else self._typed
                 raise StoreError(
-                    f"{folder if incomplete else path} cannot be resumed: {'; '.join(differing)}; "
-                    f"{OR_OVERWRITE}"
+                    f"{named} cannot be resumed: {'; '.join(differing)}; {OR_OVERWRITE}"
                 )
             if not incomplete:
                 self._remove()  # a run was killed while it did so
                 return None
         else:
-            with _failure(path, "created"):
+            with _failure(self._typed, "created"):
                 folder.mkdir(exist_ok=True)
                 # Once the schema is replaced, no old block belongs to the sweep.
                 with replacing(folder / SCHEMA, files=self._files) as new:
@@ -148,7 +148,7 @@ class SweepWriter:
                 sync_names(folder)
                 sync_names(folder.parent)
                 self._remove_files(f"{BLOCK}|{DRAFT}")
-        with _failure(path, "written"):
+        with _failure(self._typed, "written"):
             self._parts = parts = Parts(folder)
             self._refuse_loss()
             for number, entry in parts.entries.items():
@@ -182,7 +182,7 @@ class SweepWriter:
                 arrays[name] = np.asarray(array, VARIABLES[name].dtype).reshape(shape)
         seconds = time.monotonic() - self._began
         arrays["about"][()] = parts.sweep, number, longest, seconds
-        with _failure(self._path, "written"):
+        with _failure(self._typed, "written"):
             self._refuse_loss()
             file = parts.files[number]
             with replacing(file, files=self._files) as new, zipfile.ZipFile(new, "w") as members:
@@ -198,7 +198,7 @@ class SweepWriter:
     def finish(self, *, compressed: bool = False) -> None:
         """Write the complete file and remove the blocks, all of which must be written."""
         parts = self._parts
-        with _failure(self._path, "completed"):
+        with _failure(self._typed, "completed"):
             self._refuse_loss()
             with replacing(self._path, files=self._files) as new:
                 pieces = parts.pieces()

@@ -328,7 +328,7 @@ def test_a_record_that_begins_at_the_end_of_a_rest_has_no_rest(transient):
 @pytest.mark.parametrize(
     ("name", "value", "allowed"),
     [
-        ("x0", 0.1, "at most the clearance"),
+        ("x0", 0.1, "at most the clearance = 0$"),
         ("x0", math.nan, "a finite number"),
         ("R", -3.0, "a number from 0 to 1"),
         ("h", -0.1, "a finite number >= 0"),

@@ -26,8 +26,8 @@ CONFIG = SMALL
 
 def test_resume_and_overwrite_exclude_each_other(small_file):
     both, told = ("--resume", "--overwrite"), "--resume and --overwrite "
-    assert told in refused("run", "sweep.yaml", *both)
-    assert told in refused("zoom", "small.h5", "omega=2:3", *both)
+    assert told in refused("run", "missing.yaml", *both)
+    assert told in refused("zoom", "missing.h5", "omega=2:3", *both)
     with pytest.raises(Refused, match=told):
         run_sweep("sweep.yaml", "out.h5", resume=True, overwrite=True)
 

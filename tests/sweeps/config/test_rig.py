@@ -116,6 +116,10 @@ def test_one_number_of_a_range_of_a_rig_is_replaced():
     assert grid.fixed["R"] == 0.5
     with pytest.raises(ConfigError, match=r"^override oscillator\.R=0\.5: .*: one of them, as rig"):
         load(rig(), "oscillator.R=0.5")
+    with pytest.raises(
+        ConfigError, match=r"^override rig\.R=0\.5: rig: conflicts with oscillator;"
+    ):
+        load("oscillator: {h: 0.1, R: 0.8, omega: 1, f: 1}\n", "rig.R=0.5")
 
 
 @pytest.mark.parametrize(

@@ -157,7 +157,7 @@ WRONG = [
     (("-o", "a.gif", "--periods", "101"), "periods = 101 is not allowed in an animation; expected"),
     (("-o", "a.gfi"), "a.gfi must end in one of .png, .svg, .pdf, .eps, .tiff, .tif, .gif"),
     (("-o", "a.mp4"), "a.mp4 needs the program ffmpeg, which is not found; a .gif needs none"),
-    (("-o", "a.png", "--fps", "9"), "fps is not allowed for a.png; expected: .gif or .mp4"),
+    (("-o", "a.png", "--fps", "9"), "fps is only for an output that ends in .gif or .mp4"),
     (("-o", "a.gif", "--dpi", "4000"), "pixels are too many; expected: at most 500,000,000"),
     (("-o", "a.gif", "--color", "period"), "a.gif is not allowed for several motions; expected"),
     (("-o", "a.gif", "--at", "omega=2.6,2.8"), "a.gif is not allowed for several motions"),

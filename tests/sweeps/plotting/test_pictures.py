@@ -137,12 +137,12 @@ def test_two_parameters_with_a_period_give_a_map_and_a_value_that_was_not_chosen
 
     drawn = []
     monkeypatch.setattr(plotting.api.Kind, "draw", drawing)
-    said = "R = 0.6, the first of 2: --at R=VALUE takes another\n"
+    said = "R = 0.6, the first of 2: plot --at R=VALUE takes another\n"
     for choice, kind, told in (
         ([], "parameter_map", ""),
         (["--kind", "map"], "parameter_map", ""),
         (["--kind", "bifurcation"], "bifurcation", said),
-        (["--axis", "R"], "bifurcation", "omega = 2.2, the first of 13: --at omega=VALUE takes "
+        (["--axis", "R"], "bifurcation", "omega = 2.2, the first of 13: plot --at omega=VALUE takes "
          "another\n"),
         (["--at", "R=0.8"], "bifurcation", ""),
         (["--coordinate", "poincare_v"], "bifurcation", said),

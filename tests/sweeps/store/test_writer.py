@@ -77,7 +77,7 @@ def test_another_sweep_is_not_resumed(changed, parts, blocks):
     fill_blocks("out.h5", blocks)
     name = "out.h5" if blocks is None else "out.h5.parts"
     before = contents(Path(name))
-    with pytest.raises(StoreError, match=rf"{name} cannot be resumed: ") as caught:
+    with pytest.raises(StoreError, match=rf"^{name} cannot be resumed: ") as caught:
         with begun("out.h5", schema(**changed), resume=True):
             pass
     assert all(part in str(caught.value) for part in (*parts, "overwrite it", "--overwrite"))
