@@ -95,7 +95,10 @@ class CurveSearch:
 
     def run(self, report: Callable[[float], object]) -> dict[int, str]:
         """Search from the large tongues, then from changes; return why some have no curve."""
+        beside = set().union(*(separated(kind, *mq) for kind in self._kinds for mq in self._chosen))
         for cell, axis in middles_of_regions(self._classes):
+            if self._chosen and tuple(self._classes[*cell]) not in beside:
+                continue
             report(self._share(()))
             for point in self._borders(cell, axis):
                 if not self._is_on_curve(point, axis, cell):

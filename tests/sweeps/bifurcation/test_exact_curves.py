@@ -91,8 +91,15 @@ def test_only_the_curves_that_are_asked_for_are_followed(path, found, monkeypatc
         followed.append((curve.kind, curve.m, curve.q))
         return curve
 
+    def begun(search, cell, axis):
+        begins.append(tuple(search._classes[*cell].tolist()))
+        return borders(search, cell, axis)
+
+    begins, borders = [], exact_curves.CurveSearch._borders
     monkeypatch.setattr(exact_curves, "bifurcation_curve", counted)
+    monkeypatch.setattr(exact_curves.CurveSearch, "_borders", begun)
     asked = curves(path, classes=[(2, 2)], kinds=["flip"])
+    assert begins and {*begins} <= {(2, 2), (4, 4)}
     of_curves = found.isel(point=np.unique(found["curve"].values, return_index=True)[1])
     every = of_curves[["kind", "m", "q"]].to_dataframe()[["kind", "m", "q"]].values.tolist()
     assert ["flip", 1, 1] in every

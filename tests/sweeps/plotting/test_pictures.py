@@ -142,8 +142,8 @@ def test_two_parameters_with_a_period_give_a_map_and_a_value_that_was_not_chosen
         ([], "parameter_map", ""),
         (["--kind", "map"], "parameter_map", ""),
         (["--kind", "bifurcation"], "bifurcation", said),
-        (["--axis", "R"], "bifurcation", "omega = 2.2, the first of 13: plot --at omega=VALUE takes "
-         "another\n"),
+        (["--axis", "R"], "bifurcation", "omega = 2.2, the first of 13: plot --at omega=VALUE "
+         "takes another\n"),
         (["--at", "R=0.8"], "bifurcation", ""),
         (["--coordinate", "poincare_v"], "bifurcation", said),
     ):  # fmt: skip
