@@ -217,77 +217,80 @@ def test_a_knock_from_which_the_mass_comes_to_rest_leads_to_the_rest(computed_st
     assert found["knock_certified"].values[0] and np.isnan(found["knock_harmful"].values[1])
 
 
-def test_a_boundary_that_rounding_decides_is_fractal(dataset, monkeypatch):
+@pytest.fixture
+def knock(dataset, monkeypatch):
+    """Return a function that finds the least knock, by a rule of what is harmful.
+
+    The rule takes the sizes of changes of velocity, the phase and the orbit.
+    """
+
+    def found(harmful, home=0):
+        def ends(motions, phase, states):
+            orbit = motions.orbits[home]
+            sections = orbit.sections(phase)
+            v = sections[np.abs(states[:, :1] - sections[:, 0]).argmin(axis=1), 1]
+            reached = np.where(harmful(np.abs(states[:, 1] - v), phase, orbit), 1 - home, home)
+            return reached, np.ones(len(states), bool)
+
+        monkeypatch.setattr("sweeps.attractor.knocks._Attractors._destinations", ends)
+        starts = dataset.isel(omega=0)
+        found = knocks(starts, attractors(starts).isel(coexisting=[home]))
+        return {
+            name: found[f"knock_{name}"].item() for name in ("harmful", "phase", "fractal", "ends")
+        }
+
+    return found
+
+
+def away_from(phase, moment):
+    """Return the distance of a phase from a moment of the period."""
+    return abs((phase - moment + np.pi) % (2.0 * np.pi) - np.pi)
+
+
+def test_a_boundary_that_rounding_decides_is_fractal(knock):
     """Beyond a change of velocity by 0.3, every trial ends on an unpredictable attractor."""
     chance = np.random.default_rng(0)
-
-    def ends(motions, phase, states):
-        (_, v), count = motions.orbits[0].sections(phase)[0], len(states)
-        reached = np.where(np.abs(states[:, 1] - v) > 0.3, chance.integers(0, 2, count), 0)
-        return reached, np.ones(count, bool)
-
-    monkeypatch.setattr("sweeps.attractor.knocks._Attractors._destinations", ends)
-    starts = dataset.isel(omega=0)
-    found = knocks(starts, attractors(starts).isel(coexisting=[0]))
-    assert abs(found["knock_harmful"].item()) == pytest.approx(0.3, rel=1e-4)
-    assert found["knock_fractal"].item() and found["knock_ends"].item() == 1
+    found = knock(lambda size, *_: (size > 0.3) & (chance.integers(0, 2, len(size)) == 1))
+    assert abs(found["harmful"]) == pytest.approx(0.3, rel=1e-4)
+    assert found["fractal"] and found["ends"] == 1
 
 
-@pytest.mark.parametrize(
-    ("moment", "middle"),
-    [(0.0, 0.8), (5.95, 1.34)],
-)
-def test_an_island_of_the_promised_size_is_found(dataset, all_knocks, monkeypatch, moment, middle):
+@pytest.mark.parametrize(("moment", "middle"), [(0.0, 0.8), (5.95, 1.34)])
+def test_an_island_of_the_promised_size_is_found(knock, all_knocks, moment, middle):
     """It takes 1/64 of the period, and 1/128 of the knock that there would be without it."""
     height, width = 3.01 / 128, 2.0 * np.pi / 64
 
-    def ends(motions, phase, states):
-        (_, v), away = motions.orbits[0].sections(phase)[0], (phase - moment + np.pi) % (2 * np.pi)
-        size = np.abs(states[:, 1] - v)
-        island = (np.abs(away - np.pi) <= 0.51 * width) & (np.abs(size - middle) <= height / 2)
-        return np.where((size > 3.01) | island, 1, 0), np.ones(len(states), bool)
+    def harmful(size, phase, _):
+        near = away_from(phase, moment) <= 0.51 * width
+        return (size > 3.01) | (near & (np.abs(size - middle) <= height / 2))
 
-    monkeypatch.setattr("sweeps.attractor.knocks._Attractors._destinations", ends)
-    starts = dataset.isel(omega=0)
-    found = knocks(starts, attractors(starts).isel(coexisting=[0]))
-    assert abs(found["knock_harmful"].item()) == pytest.approx(middle - height / 2)
+    assert abs(knock(harmful)["harmful"]) == pytest.approx(middle - height / 2)
 
 
 @pytest.mark.parametrize("tongue", [False, True])
 def test_the_worst_moment_and_a_tongue_at_another_one_are_found(
-    dataset, all_knocks, monkeypatch, tongue
+    knock, all_knocks, monkeypatch, tongue
 ):
     """The knock is 0.3 at the phase 2, and above 0.4 where the tongue is a 100th above 0.3."""
     monkeypatch.setattr("sweeps.attractor.knocks._MOMENTS", 16)
 
-    def ends(motions, phase, states):
-        (_, v), away = motions.orbits[0].sections(phase)[0], (phase - 2.0 + np.pi) % (2 * np.pi)
-        size, squared = np.abs(states[:, 1] - v), (away - np.pi) ** 2
+    def harmful(size, phase, _):
+        squared = away_from(phase, 2.0) ** 2
         thin = tongue & (squared > 1.0) & (np.abs(size - 0.303) < 1e-3)
-        return np.where((size > 0.3 + 0.1 * squared) | thin, 1, 0), np.ones(len(states), bool)
+        return (size > 0.3 + 0.1 * squared) | thin
 
-    monkeypatch.setattr("sweeps.attractor.knocks._Attractors._destinations", ends)
-    starts = dataset.isel(omega=0)
-    found = knocks(starts, attractors(starts).isel(coexisting=[0]))
-    assert abs(found["knock_harmful"].item()) == pytest.approx(0.3, rel=1e-8)
-    assert found["knock_phase"].item() == pytest.approx(2.0, abs=1e-3)
-    assert found["knock_fractal"].item() is tongue
+    found = knock(harmful)
+    assert abs(found["harmful"]) == pytest.approx(0.3, rel=1e-8)
+    assert found["phase"] == pytest.approx(2.0, abs=1e-3) and found["fractal"] is tongue
 
 
-def test_a_knock_is_tried_just_after_the_impact(dataset, monkeypatch):
+def test_a_knock_is_tried_just_after_the_impact(knock):
     """However short the time is for which a small one is harmful."""
 
-    def ends(motions, phase, states):
-        orbit = motions.orbits[1]
-        sections, after = orbit.sections(phase), (phase - orbit.phases[0]) % (2.0 * np.pi) < 1e-9
-        v = sections[np.abs(states[:, :1] - sections[:, 0]).argmin(axis=1), 1]
-        harmful = np.abs(states[:, 1] - v) > (0.5 if after else 3.01)
-        return np.where(harmful, 0, 1), np.ones(len(states), bool)
+    def harmful(size, phase, orbit):
+        return size > (0.5 if (phase - orbit.phases[0]) % (2.0 * np.pi) < 1e-9 else 3.01)
 
-    monkeypatch.setattr("sweeps.attractor.knocks._Attractors._destinations", ends)
-    starts = dataset.isel(omega=0)
-    found = knocks(starts, attractors(starts).isel(coexisting=[1]))
-    assert abs(found["knock_harmful"].item()) == pytest.approx(0.5)
+    assert abs(knock(harmful, home=1)["harmful"]) == pytest.approx(0.5)
 
 
 def motion(dataset, x, v):

@@ -14,7 +14,6 @@ from sweeps import bifurcations, branches
 from sweeps.bifurcation.branch_set import BranchSet, with_short_chords
 from sweeps.errors import Refused
 from sweeps.opened.export import branch_table, write_csv
-from sweeps.opened.motions import orbit_of_motion
 from sweeps.opened.opened_sweep import OpenedSweep
 from sweeps.plotting import bifurcation, plot
 from sweeps.plotting.exact_lines import branch_pieces
@@ -50,21 +49,6 @@ def found(dataset):
 def later(loaded):
     """Return branches whose impact passes the section within the range, and their file."""
     return branches(loaded["later"], classes=[(1, 1), (2, 2)], most=8), loaded["later"]
-
-
-def test_settled_points_are_on_the_exact_orbits_to_rounding(dataset):
-    """Their impacts, found by Newton's method for the equations of the flights."""
-    line = dataset.sel(R=0.8)
-    motions, compared = OpenedSweep(line).motions, set()
-    for i in np.flatnonzero((motions["q"] > 0) & (line["orbit_distance"].values < 1e-13)).tolist():
-        orbit = orbit_of_motion(motions[i], 1.0)
-        assert orbit.stable
-        cycle = orbit.sections(1.0)
-        record = np.stack([line[f"poincare_{name}"].values[i] for name in "xv"], axis=1)
-        turns = [np.resize(np.roll(cycle, -k, axis=0), record.shape) for k in range(orbit.m)]
-        assert min(np.abs(record - turn).max() for turn in turns) < 1e-11
-        compared.add((orbit.m, orbit.q))
-    assert {(1, 1), (2, 1), (2, 2)} <= compared
 
 
 def test_any_parameter_of_the_oscillator_can_be_the_axis():

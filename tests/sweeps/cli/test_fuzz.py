@@ -10,7 +10,7 @@ import yaml
 from sweeps.config.loading import load_config
 from sweeps.errors import ConfigError
 from sweeps.store.xarray_engine import open_sweep
-from tests.helpers.commands import SMALL, accepted, call
+from tests.helpers.commands import call
 from tests.helpers.odd_inputs import FOLLOWED, FULL, TABLES, damaged, document
 from vibroimpact.status import Status
 
@@ -80,15 +80,6 @@ MANY = [pytest.param(range(n, n + 500), marks=pytest.mark.campaign) for n in STA
 @pytest.mark.parametrize("seeds", [range(20), *MANY])
 def test_a_mutated_configuration_is_answered(seeds):
     assert {answer_mutated(seed) for seed in seeds} >= {"refused", "run"}
-
-
-@pytest.mark.slow
-def test_an_odd_environment_is_answered(monkeypatch):
-    for name in ("COLUMNS", "HDF5_USE_FILE_LOCKING", "NUMBA_THREADING_LAYER"):
-        monkeypatch.setenv(name, "abc")
-    Path("sweep.yaml").write_text(SMALL)
-    accepted("run", "sweep.yaml")
-    accepted("plot", "small.h5")
 
 
 def test_a_device_is_no_configuration():

@@ -93,13 +93,6 @@ def test_the_progress_of_a_run_shows_the_time_that_is_left(folder, name):
     assert all(re.search(r" \d+/18 points .*(\d+:\d\d:\d\d|-:--:--) *$", line) for line in lines)
 
 
-def test_quick_work_says_nothing(capsys, monkeypatch):
-    monkeypatch.setattr(text, "PATIENCE", 60.0)
-    with text.progress_shown("counting"):
-        pass
-    assert capsys.readouterr() == ("", "")
-
-
 @pytest.mark.parametrize("name", ["a[b]c", "[bold]", "a :car: b"])
 def test_a_terminal_and_a_log_show_a_name_as_it_is(impatient, monkeypatch, name):
     """Also of work that reports nothing."""

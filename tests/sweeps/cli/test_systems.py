@@ -61,7 +61,6 @@ def test_a_run_that_is_killed_goes_on_and_every_command_works():
         [*run, "--resume"],
         ["run", "sweep.yaml", "--quiet", *few],
         ["run", "sweep.yaml", "--quiet", *few, "--overwrite"],
-        ["plot", "sweep.h5", "--dpi", "40"],
         ["info", "sweep.h5"],
         ["zoom", "few.h5", "omega=2.5:2.6", "-o", "zoom.h5"],
         ["export", "sweep.h5", "-o", "sweep.csv"],
@@ -75,7 +74,7 @@ def test_a_run_that_is_killed_goes_on_and_every_command_works():
         done.send_signal(signal.SIGINT)
         done.communicate()
         assert done.returncode == 0
-    assert Path("sweep.png").stat().st_size and Path("zoom.png").stat().st_size
+    assert Path("zoom.png").stat().st_size
     config = load_config("sweep.yaml", CHANGES)
     xr.testing.assert_identical(data("sweep.h5"), data(run_sweep(config, "whole.h5")))
     xr.testing.assert_identical(data("cluster.h5"), data("few.h5"))

@@ -176,16 +176,6 @@ def test_refused_rigs(text, line, parts):
 # Tables of points beside a rig: columns of the model and of the rig
 
 
-def test_the_columns_of_a_table_beside_a_rig_are_those_of_the_model():
-    text = rig(frequency=None, force=None) + "points: {omega: [10, 20], f: [1, 2], serial: [a, b]}"
-    config = load(text)
-    osc = Oscillator.from_rig(**VALUES | {"frequency": 1.0, "force": 1.0})
-    points = points_of(config)
-    assert points["omega"].tolist() == [10.0, 20.0] and points["f"].tolist() == [1.0, 2.0]
-    assert set(points["p"]) == {osc.p} and set(points["h"]) == {osc.h}
-    assert points_of(load(config.to_yaml())).tobytes() == points.tobytes()
-
-
 OF_RIG = {
     "stiffness": [800.0, 810.5, 795.3], "damping": [1.2, 1.1, 1.3], "gap": [5e-4, 5.1e-4, 4.9e-4],
     "force": [10.0, 11.0, 9.7], "frequency": [3.3, 3.1, 2.9], "R": [0.8, 0.7, 0.75],

@@ -136,7 +136,7 @@ def test_an_interrupt_ends_a_compilation(monkeypatch, tmp_path, forks):
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(cache))
     process = run("-o", "out.h5", "--quiet")
     wait_until(Path("out.h5.lock").exists, "a run that begins")
-    time.sleep(1.0)  # compilation takes ten
+    time.sleep(0.5)  # compilation takes ten
     process.send_signal(signal.SIGTERM)
     assert ended(process) == (1, "vibroimpact: error: interrupted; nothing is kept\n")
     kernel = "run_exact-*"

@@ -15,7 +15,6 @@ from sweeps.engine import estimate as limits
 from sweeps.engine.estimate import available_memory, block_size, expected_cost, trial
 from sweeps.engine.executors import (
     LocalComputer,
-    compute,
     compute_block,
     other_thread,
     submit_blocks,
@@ -208,25 +207,6 @@ def test_the_size_that_is_told_counts_the_samples_at_impacts(every, monkeypatch)
     monkeypatch.setattr("shutil.disk_usage", lambda _: SimpleNamespace(free=both - 1))
     with pytest.raises(StoreError, match="record less"):
         cost_of(config.sweep)
-
-
-@pytest.mark.parametrize(
-    "changes",
-    [
-        [],
-        ["record.transient=0", "record.trajectory={every: 8}", "oscillator.omega.num=100"],
-        ["oscillator.omega.num=3", "record.periods=20000", "record.impacts=20000"],
-    ],
-)
-def test_the_expected_time_is_about_the_time(usual_trials, changes):
-    """Within a factor of five of the processor time of the kernel."""
-    sweep = load(CONFIG, *changes).sweep
-    trial(sweep, 1)  # compiles
-    expected, _ = trial(sweep, 1)
-    began = time.process_time()
-    for block in sweep.grid.blocks(block_size(sweep)):
-        compute(sweep.spec, sweep.grid.points(block), 1)
-    assert 0.2 < expected / (time.process_time() - began) < 5.0
 
 
 def test_the_expected_time_is_the_processor_time_of_all_periods(monkeypatch):

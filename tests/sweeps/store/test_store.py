@@ -12,7 +12,6 @@ import xarray as xr
 
 from sweeps.config.groups import DIAGNOSTICS
 from sweeps.grid import Grid
-from sweeps.reports import status_counts
 from sweeps.store.parts import Parts
 from sweeps.store.variables import VARIABLES, record_widths
 from sweeps.store.xarray_engine import open_sweep
@@ -161,25 +160,6 @@ def test_diagnostics_not_asked_for_are_left_out(diagnostics, expected):
             assert ("exponent" in dataset.sizes) == ("lyapunov" in diagnostics)
     needed = {variable.diagnostic for variable in VARIABLES.values()}
     assert needed == {None, "longest", *DIAGNOSTICS}
-
-
-def test_a_partial_sweep_says_what_is_pending():
-    expected = grid_results()
-    expected["status"][1, 2] = Status.NON_FINITE
-    with pytest.raises(KeyboardInterrupt), begun(OUT, schema()) as (store, pending):
-        for block in pending[3:5]:
-            store.write(block, part(expected, block))
-        raise KeyboardInterrupt
-    assert not OUT.exists()
-    done = np.zeros((2, 6), bool)
-    done[1, :4] = True
-    with open_sweep(OUT) as dataset:
-        counts = {Status.PENDING: 8, Status.COMPUTED: 3, Status.NON_FINITE: 1}
-        assert status_counts(dataset) == dict.fromkeys(Status, 0) | counts
-        assert_holds(dataset, expected, done)
-        for name, variable in VARIABLES.items():
-            pending = dataset[name].values[~done]
-            assert (pending == -1 if variable.dtype.startswith("int") else np.isnan(pending)).all()
 
 
 @pytest.mark.parametrize("blocks", [4, None])
