@@ -116,6 +116,14 @@ def test_the_work_is_in_proportion_to_the_number_of_attractors(monkeypatch):
     assert sum(compared) < 10 * 3000
 
 
+def test_a_motion_that_represents_others_represents_itself():
+    """Of motions that fill a region, each may be near others that are not near each other."""
+    states = np.random.default_rng(0).uniform(-1.0, -0.97, (1000, 1, 2))
+    found = same_motions(cycles_of(states, 1.0), np.zeros(1000, int))
+    np.testing.assert_array_equal(found[found], found)
+    assert 1 < len(set(found)) < 1000
+
+
 def test_motions_of_two_classes_are_never_one():
     """A rig just beyond the flip of 4/3: the halves of 8/6 differ by less than the tolerance."""
     found = attractors(given_sections([cycle((-1.0, 0.0))] * 3, 1, period_impacts=[1, 2, 1]))

@@ -230,6 +230,8 @@ def test_every_command_is_completed(monkeypatch):
     [
         (["plot", "--over"], ["--overlay"]),
         (["explore", "--port", "none", "--no"], ["--no-browser"]),
+        (["export", "a.h5", "--rows", "s"], ["sections"]),
+        (["plot", "a.h5", "--quantity", "mean"], ["mean_force"]),
         (["nonsense", "x"], []),
         (["run", "swe"], []),  # then the shell completes the names of files
         (["plot", "--kind", ""], list(plotting.KINDS)),

@@ -46,6 +46,7 @@ def test_zoom_computes_and_draws_a_piece(small_file, unpainted):
         (["(o=2:3"], "(o is not a swept axis"),
         (["h=0:1"], "expected: omega or clearance"),
         (["omega=-1:1"], "expected: forcing frequency"),
+        (["omega=2:3", "omega=2:4"], "each name once"),
         (["poincare_x=0:1"], "at least one swept axis"),
         (["omega=2:3", "poincare_x=0:1", "poincare_v=0:1"], "at most one of"),
         (["omega=2:3", "poincare_x=0:1", "--coordinate", "impact_v"], "exclude each other"),

@@ -33,6 +33,7 @@ def test_an_axis_is_any_list_of_numbers(axis):
         (range(10**9), "too many values; expected: at most 10,000,000"),
         (pd.Series([2.5, None]), "omega[1] = nan is not a finite number"),
         (np.array([1, 2], "m8[ns]"), "omega[0] = 1 nanoseconds is not a number"),
+        (pd.Series(pd.to_datetime(["2020-01-01"])), "is not a number"),
         (np.ma.array([1.0, 2.0], mask=[0, 1]), "omega[1] = None is not a number"),
         (np.array([[1.0, 2.0]]), "omega[0] = [1.0, 2.0] is not a number"),
         ([10**5000], "omega[0] = an integer of 16,610 bits is not a finite number"),

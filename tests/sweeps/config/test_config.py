@@ -258,6 +258,7 @@ def test_overrides_replace_and_add_in_order():
         ("oscillator={h: 1, h: 2}", ["h: 2}: oscillator.h is given twice, first in override"]),
         ("oscillator={? {a: 1, a: 2} : 1}", ["a list or mapping is not allowed as a key"]),
         ("record.trajectory=yes", ["record.trajectory = yes is not allowed"]),
+        ("a..b=1", ["expected key=value"]),
         ("<scalar>=1", ["unknown key <scalar>"]),
     ],
 )

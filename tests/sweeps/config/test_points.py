@@ -213,6 +213,7 @@ def test_the_file_of_a_table_lies_beside_the_configuration_or_where_the_command_
     ("points", "part"),
     [
         ({"R": [0.5, 0.6], "omega": [2.0]}, "equal length; given: R of length 2, omega "),
+        ({"R": 0.5}, "must be lists of equal length"),
         ([0.5, 0.6], "no table; expected: a CSV file, or a mapping of columns"),
         ({"R": [[0.5, 0.6], [0.7]]}, "must be lists of equal length"),
         ({"R": ["0.5", None]}, "row 2, column R = None is not allowed"),

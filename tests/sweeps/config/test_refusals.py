@@ -52,6 +52,9 @@ def test_refused_values(values, key, given, allowed):
         ("method:", "method", "(nothing)", "a mapping with keys among integrator"),
         ("name: a/b", "name", "a/b", "without slashes"),
         ("output: {a: b}", "output", "{a: b}", "a path"),
+        ("name: ''", "name", "(nothing)", "without slashes"),
+        ("record: {periods: 1e7}", "record.periods", "1e7", "from 1 to 1,000,000"),
+        ("record: {transient: -1}", "record.transient", "-1", "an integer from 0"),
     ],
 )  # fmt: skip
 def test_refused_settings(line, key, given, allowed):
@@ -193,6 +196,7 @@ def test_start_beyond_the_stop(x0, clearance):
         ("a: 1\n---\nb: 2\n", ["line 2, column 1", "not valid YAML: expected a single document"]),
         ("a: !!python/object:os.system x\n", ["line 1, column 4", "tags are not allowed"]),
         ("a: &x [1]\nb: *x\n", ["line 2, column 4", "aliases"]),
+        ("a: 1\nb: \x07\n", ["line 2: not valid YAML: it has the character '\\x07', which"]),
         ("a: \x00\n", ["line 1: not valid YAML: it has the character '\\x00'"]),
         ("[" * 17 + "]" * 17, ["more than 16 levels"]),
         ("[" * 16 + "]" * 16, ["expected: a mapping"]),

@@ -126,6 +126,7 @@ def test_one_number_of_a_range_of_a_rig_is_replaced():
     ("text", "line", "parts"),
     [
         (rig() + "oscillator: {h: 1}\n", 2, ["oscillator: conflicts with rig; expected: one"]),
+        (rig(mass="-2"), 1, ["rig.mass = -2 is not allowed; expected: mass [kg]: ", "> 0"]),
         (rig(mass="{start: 1, stop: 2, num: 3}"), 1, ["rig.mass = {start: 1", "not a number",
                                                       "the same all over the sweep"]),
         (rig(force=None, base="0.0"), 1, ["rig.force is missing; expected: ", "unless base is"]),

@@ -9,11 +9,12 @@ import pytest
 from numpy.testing import assert_array_equal
 
 from sweeps import attractors, knocks, plotting
-from sweeps.errors import ConfigError
+from sweeps.errors import ConfigError, Refused
 from sweeps.explorer.view import View
 from sweeps.opened.coordinates import motion_of
 from sweeps.opened.opened_sweep import OpenedSweep
 from sweeps.plotting import integrity_picture
+from sweeps.plotting.api import default_kind
 from tests.helpers import naive
 from tests.helpers.commands import accepted, refused
 from tests.helpers.configurations import load
@@ -210,6 +211,19 @@ oscillator: {h: 0.1, R: 0.8, omega: 2.6, f: 1.0, clearance: 0.6}
 start: {x0: 0.6, v0: {start: -3, stop: 0, num: 12}, phase: {start: 0, stop: 6.2, num: 15}}
 record: {transient: 200, periods: 16}
 """
+
+
+def test_basins_over_phase_and_velocity():
+    """The phase is the abscissa."""
+    dataset = swept(BASINS_OVER_PHASE)
+    found = attractors(dataset)
+    assert found["attractors"].item() == 2 and found["attractor"].dims == ("v0", "phase")
+    assert 10 < (dataset["period"] == 2).sum() < 170
+    assert default_kind(OpenedSweep(dataset)) == "basins"
+    panel = plotting.basins(dataset).axes[0]
+    assert "at the start" in panel.get_xlabel() and r"v_0" in panel.get_ylabel()
+    with pytest.raises(Refused, match="integrity needs x0 and v0 as axes"):
+        plotting.integrity(dataset)
 
 
 def test_the_three_starts_as_axes(unpainted):
