@@ -198,8 +198,8 @@ def test_a_folder_that_was_removed_is_named():
     Path("folder").mkdir()
     os.chdir("folder")
     Path("../folder").rmdir()
-    result = process("info", "small.h5")
-    assert result.returncode == 2
+    result = call("info", "small.h5")
+    assert result.exit_code == 2
     assert result.stderr.startswith("vibroimpact: error: the working folder was removed")
     scene = {"oscillator": {"h": 0.1, "R": 0.8, "omega": 2.0, "f": 1.0}}
     for function, *given in ((run_sweep, scene, "a.h5"), (open_sweep, "a.h5"), (explore, scene)):
