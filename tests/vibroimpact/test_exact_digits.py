@@ -87,9 +87,9 @@ def test_a_bounce_is_short_only_where_its_series_is_exact():
 
 @pytest.mark.slow
 def test_the_median_error_after_one_period_is_below_1e_15():
-    """Of 200 points; relative to the size of the motion."""
+    """Of 120 points; relative to the size of the motion."""
     rng = np.random.default_rng(5)
-    points = np.zeros(200, POINT)
+    points = np.zeros(120, POINT)
     ranges = {"h": (0.0, 0.6), "R": (0.2, 1.0), "omega": (0.7, 4.0), "clearance": (-0.2, 0.8)}
     for name, ends in ranges.items():
         points[name] = rng.uniform(*ends, points.size)
@@ -108,7 +108,7 @@ def test_the_median_error_after_one_period_is_below_1e_15():
                 gaps = (abs(a - b) for a, b in zip(ours, state, strict=True))
                 errors.append(float(max(gaps) / size))
                 impacts += results["impacts_per_period"][i]
-    assert len(errors) > 150 and impacts > 0.7 * len(errors)
+    assert len(errors) > 90 and impacts > 0.7 * len(errors)
     assert np.median(errors) < 1e-15
     assert np.quantile(errors, 0.9) < 3e-15
 
@@ -136,7 +136,7 @@ from vibroimpact.kernel.integrate import Length, run_points
 from vibroimpact.step.scheme import scheme_of
 points = np.concatenate(
     [Oscillator(h=0.1, R=R, omega=omega, f=1.0 + omega / 9.0, clearance=c).at(min(c, 0.0))
-     for omega in np.linspace(0.2, 4.0, 100) for R in (0.3, 0.8) for c in (-0.1, 0.0, 0.2)]
+     for omega in np.linspace(0.2, 4.0, 30) for R in (0.3, 0.8) for c in (-0.1, 0.0, 0.2)]
 )
 for method in sys.argv[1:]:
     integrator, impact = method.split("/")
@@ -361,13 +361,3 @@ def test_every_near_graze_of_the_free_oscillation_is_counted(h, share):
             out = integrate(points, transient=0, periods=10, **how)
             np.testing.assert_array_equal(out["near_grazes"], [10, 10, 10, 0, 0])
             assert (out["impacts_per_period"] == 0.0).all()
-
-
-def test_growth_without_bound_is_the_closed_form():
-    """R = 1, h = 0, omega = 2: t = k pi, v = 4 k / 3."""
-    osc = Oscillator(h=0.0, R=1.0, omega=2.0, f=1.0)
-    tr = simulate(osc, 100)
-    k = np.arange(1, len(tr.impact_t) + 1)
-    assert len(k) >= 99
-    np.testing.assert_allclose(tr.impact_t, k * math.pi, rtol=1e-13)
-    np.testing.assert_allclose(tr.impact_v, 4 * k / 3, rtol=1e-12)

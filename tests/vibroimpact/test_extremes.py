@@ -79,7 +79,7 @@ def compare_with_walk(points, periods, share=1e-12):
     return met, rested
 
 
-@pytest.mark.parametrize("count", [100, pytest.param(5000, marks=pytest.mark.campaign)])
+@pytest.mark.parametrize("count", [60, pytest.param(5000, marks=pytest.mark.campaign)])
 def test_exact_motions_turn_where_the_closed_form_does(count):
     met, rested = compare_with_walk(exact_points(count, count), 6)
     assert met > 0.6 * count and rested > 0.1 * count

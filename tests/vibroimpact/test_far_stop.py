@@ -224,12 +224,12 @@ def resting_points(n, seed, low, high):
 
 @pytest.mark.parametrize("transient", [0, 100])
 def test_a_moving_mass_with_few_digits_is_not_certified_because_it_rests(transient):
-    points = resting_points(500, 7, 9.5, 15.0)
+    points = resting_points(100, 7, 9.5, 15.0)
     out = integrate(points, transient=transient, periods=12, extremes=True)
     height = points["clearance"] - out["x_min"]
     few = height < 1e8 * 0.5 * np.spacing(-points["clearance"])
     few &= (out["rest_fraction"] > 0.0) & (out["rest_fraction"] < 1.0)
-    assert few.sum() > 300
+    assert few.sum() > 60
     assert (out["status"][few] == Status.COMPUTED).all()
     for i in np.flatnonzero(few)[:10]:
         start = {name: float(points[name][i]) for name in ("x0", "v0", "phase")}

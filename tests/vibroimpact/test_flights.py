@@ -135,10 +135,10 @@ def random_step(rng):
 
 @pytest.mark.slow
 def test_the_bounds_are_bounds():
-    """800 random steps: of the fourth derivative; none that the guard lets pass meets the stop."""
+    """500 random steps: of the fourth derivative; none that the guard lets pass meets the stop."""
     rng = np.random.default_rng(4)
     passed, met, tightest, u = 0, 0, math.inf, np.linspace(0.0, 1.0, 101)
-    for _ in range(800):
+    for _ in range(500):
         eq, flow, step, (y, w), theta, c = random_step(rng)
         flight = np.polynomial.Polynomial(c)
         fourth = np.abs(flight.deriv(4)(u)).max() / 72
@@ -154,7 +154,7 @@ def test_the_bounds_are_bounds():
         assert not proved or highest < 0.0 or highest == y == 0.0
         passed += high < 0.0
         met += highest > 0.0
-    assert passed > 160 and met > 160 and tightest < 3.0
+    assert passed > 100 and met > 100 and tightest < 3.0
 
 
 def noise_of(c, scale, slope, step):

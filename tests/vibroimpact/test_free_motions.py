@@ -78,14 +78,14 @@ def test_a_heavily_damped_motion_is_free_long_before_it_has_settled():
 
 def test_motions_damped_over_a_hundred_thousand_periods():
     """Those with the class 1/0 meet the stop no more, and some others do after a long time."""
-    points, transient, phase = weakly_damped(400, -6.0, -3.5, 3), 300, 1.0
+    points, transient, phase = weakly_damped(200, -6.0, -3.5, 3), 300, 1.0
     out, steps = found_of(points, transient, 33, phase)
     for name in "xv":
         points[f"{name}0"] = out[f"poincare_{name}"][:, -1]
     how = {"steps_per_period": steps, "phase": phase, "at_section": True, "impacts": 0}
     later = integrate(points, transient=0, periods=20_000, **how)
     free = (out["period"] == 1) & (out["period_impacts"] == 0)
-    assert free.sum() > 30 and (out["class_evidence"][free] == Evidence.FREE).all()
+    assert free.sum() > 15 and (out["class_evidence"][free] == Evidence.FREE).all()
     assert not later["impacts_per_period"][free].any()
     assert later["impacts_per_period"][out["class_evidence"] <= Evidence.UNREACHED].all()
 

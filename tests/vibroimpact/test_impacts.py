@@ -195,7 +195,7 @@ def test_no_rounding_of_the_force_holds_a_released_mass(preloads, rule, integrat
     pressed, T = 0, 0.05
     rng = np.random.default_rng(2)
     ends = [-preloads, 0.1, 0.5, 0.1], [preloads, 3, 2, 0.9]
-    for level, f, p, share in rng.uniform(*ends, (300, 4)):
+    for level, f, p, share in rng.uniform(*ends, (150, 4)):
         stop = -level * f / p**2  # pressed by `level` of the force
         pt = Oscillator(h=0.1, R=0.5, omega=1.0, f=f, p=p, clearance=stop).at(stop)[0]
         theta = (math.asin(level) - share * T) % (2 * math.pi)
@@ -211,7 +211,7 @@ def test_no_rounding_of_the_force_holds_a_released_mass(preloads, rule, integrat
         else:
             assert v == pytest.approx(-speed, rel=0.1)
         assert 0.0 <= stop - x < 2 * speed * left
-    assert pressed > 20
+    assert pressed > 10
 
 
 def test_many_preloads_released_on_a_grid_point():
@@ -235,7 +235,7 @@ def test_a_step_that_surely_has_one_impact_has_it_by_the_rule():
     """
     rng, surely, scratch = np.random.default_rng(7), 0, new_scratch.py_func()
     method = REDUCED_STEP, INTEGRATORS["newmark"].code
-    for _ in range(5_000):
+    for _ in range(2_500):
         R, v = rng.choice([0.3, 0.9, 1.0 - 1e-9, 1.0]), 10.0 ** rng.uniform(-3.0, 0.5)
         T, share = rng.uniform(0.01, 0.5), rng.uniform(0.01, 0.99)
         in_time = 2.0 * R * v / max((1.0 - R) * T * (1.0 - share), 1e-9)
@@ -254,4 +254,4 @@ def test_a_step_that_surely_has_one_impact_has_it_by_the_rule():
             events = scratch.events[:n]
             assert events[0].tolist() == [IMPACT, T_r, v_Tr, 0.0]
             assert n == 1 or events[1, KIND] == IMPACT
-    assert 750 < surely < 4_250
+    assert 375 < surely < 2_125

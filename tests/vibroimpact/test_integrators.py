@@ -68,7 +68,7 @@ NEARLY_CRITICAL = [(1.0, 1.0), (1.0 - 1e-10, 0.7), (1.0 + 1e-10, 0.7)]
 DAMPED = [(0.05, 0.3), (0.5, 1.0), *NEARLY_CRITICAL, (2.0, 0.5), (2.0, 20.0)]
 
 
-@pytest.mark.parametrize("T", [1e-9, 0.0628, 1.0, 7.0, 30.0])
+@pytest.mark.parametrize("T", [1e-9, 0.0628, 1.0, 30.0])
 @pytest.mark.parametrize(("h", "omega"), UNDAMPED + DAMPED)
 def test_the_exact_step_is_the_flow(h, omega, T):
     """Under, at and over critical damping, at and near resonance, short and long steps."""

@@ -16,7 +16,6 @@ from vibroimpact.jit import WAY, cache, compiling, trial, way
 from vibroimpact.jit.way import NumbaWarning, _chosen
 from vibroimpact.step.elementary import sin_cos
 
-# time_to_release() is in step/contact.py, the helper it calls in step/elementary.py.
 PROGRAM = """\
 import sys
 import vibroimpact
@@ -57,24 +56,29 @@ def told(*processes):
 
 
 @pytest.mark.slow
-def test_the_code_is_compiled_once_and_again_after_an_edit_of_a_helper_in_another_file(tmp_path):
-    """Of two processes at once on an empty cache, one compiles and the other waits for it.
+def test_of_two_processes_one_compiles_and_the_other_waits(tmp_path):
+    """The other runs without all that numba can compile, of which SciPy is most.
 
-    The other runs without all that numba can compile, of which SciPy is most; and a function that
-    is not in the cache yet is compiled all the same.
+    A function that is not in the cache yet is compiled all the same.
     """
-    copy = tmp_path / "vibroimpact"
-    shutil.copytree(Path(vibroimpact.__file__).parent, copy)
+    shutil.copytree(Path(vibroimpact.__file__).parent, tmp_path / "vibroimpact")
     shutil.copytree(cache.root() / "numerics", tmp_path / "cache/numerics")
     first, second = told(ready(tmp_path), ready(tmp_path))
     assert first == [repr(RELEASE), "0 1 True"]
     assert second == [repr(RELEASE), "1 0 False", "False True"]
-    helper = copy / "step/elementary.py"
-    before = helper.read_text()
-    after = before.replace("return -s if half >= 1.0 else s,", "return s,")
-    assert after != before
-    helper.write_text(after)
-    assert told(ready(tmp_path)) == [["0.0", "0 1 True"]]
+
+
+def test_an_edit_of_any_file_of_the_package_names_another_folder(tmp_path, monkeypatch):
+    """Code is compiled again after an edit of a helper in another file, but not of a comment."""
+    monkeypatch.setattr(numba.config, "CACHE_DIR", str(tmp_path / "cache"))
+    helper = tmp_path / "package/room/helper.py"
+    helper.parent.mkdir(parents=True)
+    names = []
+    for text in ("x = 1.0\n", "x = 1.0  # a number\n", "x = 2.0\n"):
+        helper.write_text(text)
+        names.append(cache.numerics_of(tmp_path / "package"))
+    assert names[0] == names[1] != names[2]
+    assert cache.NUMERICS in str(cache.cache_folder("private"))
 
 
 @pytest.mark.parametrize(

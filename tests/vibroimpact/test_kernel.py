@@ -56,10 +56,10 @@ def assert_as_alone(points, integrator, rule, n):
 
 
 def test_a_lane_is_the_single_orbit_bit_for_bit(rule, integrator):
-    points = random_points(60)
+    points = random_points(36)
     met, rested = assert_as_alone(points, integrator, rule, steps_for(points, rule))
-    assert met > 40
-    assert (rested > 8) == (rule != "plain")  # Euler, which keeps bouncing, at 19
+    assert met > 24
+    assert (rested > 4) == (rule != "plain")
 
 
 @pytest.mark.parametrize("integrator", INTEGRATORS)

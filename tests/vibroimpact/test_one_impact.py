@@ -83,9 +83,9 @@ def flight_of(osc, orbit, count=20001):
 
 @pytest.mark.slow
 def test_existence_by_brute_force():
-    """200 points: as on 20,000 samples of the flight, with and without a maximum."""
+    """120 points: as on 20,000 samples of the flight, with and without a maximum."""
     seen = set()
-    for osc, n in random_oscillators(200, seed=11, clearance=0.4):
+    for osc, n in random_oscillators(120, seed=11, clearance=0.4):
         if osc.h == osc.p:
             continue
         for orbit in one_impact_orbits(osc, n):

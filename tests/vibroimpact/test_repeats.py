@@ -63,7 +63,7 @@ def mixed_points(n, seed):
     ("transient", "periods", "impacts"), [(0, 90, 64), (70, 40, 3), (90, 7, 5), (33, 60, 0)]
 )
 def test_a_run_equals_one_in_pieces_that_cannot_skip(rule, integrator, transient, periods, impacts):
-    points = mixed_points(40, transient)
+    points = mixed_points(24, transient)
     method = {"integrator": integrator, "impact": rule, "steps_per_period": 40}
     method["extremes"] = transient > 0
     if rule == "exact":

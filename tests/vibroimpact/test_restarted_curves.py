@@ -97,7 +97,7 @@ def test_a_curve_is_the_same_from_each_of_its_orbits(case):
         away = np.array([np.abs((other - value) / spans).max() for other in found])
         assert away.min() < 1e-6
     last = len(whole.values) - 2
-    assert_same_from_its_orbits(kind, whole, (first, second), (1, last // 3, last))
+    assert_same_from_its_orbits(kind, whole, (first, second), (1, last))
     swapped = bifurcation_curve(start, kind, second, first)
     assert sorted(p.kind for p in swapped.special) == sorted(p.kind for p in whole.special)
     if case is CUSP:
@@ -148,7 +148,7 @@ def test_a_curve_is_the_same_on_both_sides_of_where_another_passes_or_crosses_it
     at the edge R = 1.
     """
     whole, ranges = random_curve(seed)
-    numbers = np.linspace(1, len(whole.values) - 2, 3).astype(int).tolist()
+    numbers = np.linspace(1, len(whole.values) - 2, 2).astype(int).tolist()
     assert_same_from_its_orbits(whole.kind, whole, ranges, numbers)
 
 
@@ -199,7 +199,7 @@ def test_undamped_grazes_meet_no_flips_and_folds_where_every_vibration_repeats()
     assert ranges[0][0] == "p" and ratios == {3.0, 5.0, 7.0, 9.0}
 
 
-@few_or_many(("first", "count"), (0, 6), (1000, 300))
+@few_or_many(("first", "count"), (0, 4), (1000, 300))
 def test_random_curves_are_the_same_from_five_of_their_orbits(first, count):
     seen, seed = 0, first
     while seen < count:

@@ -27,8 +27,8 @@ from concurrent.futures import ThreadPoolExecutor
 from vibroimpact import Oscillator
 from vibroimpact import integrate
 
-points = np.repeat(Oscillator(h=0.1, R=0.8, omega=2.0, f=1.0).at(), 512)
-points["omega"] = np.linspace(2.0, 2.5, 512)
+points = np.repeat(Oscillator(h=0.1, R=0.8, omega=2.0, f=1.0).at(), 256)
+points["omega"] = np.linspace(2.0, 2.5, 256)
 
 def run(impact):
     return integrate(points, impact=impact, transient=10, periods=5, threads=2)["poincare_x"]
