@@ -94,8 +94,8 @@ def pipe(path, _):
 
 @pytest.mark.parametrize(
     ("damage", "at"),
-    [(changed, 0), (changed, -1), (os.truncate, 0), (os.truncate, 10), (os.truncate, 40), (pipe, 0)],
-)  # fmt: skip
+    [(changed, 0), (changed, -1), *((os.truncate, at) for at in (0, 10, 40)), (pipe, 0)],
+)
 def test_a_damaged_file_is_compiled_anew(folder, damage, at):
     """A changed byte, a cut file, or a pipe in its place, for which nothing waits."""
     (path,) = folder.iterdir()

@@ -44,10 +44,7 @@ class Orbit(NamedTuple):
     J: tuple[float, float, float, float]
 
 
-@inlined
-def no_orbit():
-    """Return the ``Orbit`` that there is none."""
-    return Orbit(0, 0, 0.0, 0.0, (0.0, 0.0, 0.0, 0.0))
+_NO_ORBIT = Orbit(0, 0, 0.0, 0.0, (0.0, 0.0, 0.0, 0.0))
 
 
 @inlined
@@ -96,7 +93,7 @@ def orbit_from(flow, y, w, m, size):
         if length <= _CONVERGED:
             return Orbit(m, q, y, w, J)
         most = max(0.9 * length, _CONVERGED)
-    return no_orbit()
+    return _NO_ORBIT
 
 
 @jit
@@ -119,7 +116,7 @@ def doubled(flow, orbit, size):
     _, mu = greatest_multiplier(orbit.J)
     a, b, c, d = orbit.J
     if not _FLIPPED < mu < -1.0:
-        return no_orbit()
+        return _NO_ORBIT
     # The eigenvector of mu, from the row of J - mu that is not zero.
     along = (b, mu - a) if abs(b) + abs(mu - a) > abs(c) + abs(mu - d) else (mu - d, c)
     length = max(abs(along[0]), abs(along[1]))
@@ -130,7 +127,7 @@ def doubled(flow, orbit, size):
         if twice.m > 0 and distance(twice.y, twice.w, orbit, size) > _SAME:
             if greatest_multiplier(twice.J)[0] < GREATEST_STABLE:
                 return twice
-    return no_orbit()
+    return _NO_ORBIT
 
 
 _UNREACHED, _CAPTURED = int(Evidence.UNREACHED), int(Evidence.CAPTURED)

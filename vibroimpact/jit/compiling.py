@@ -135,12 +135,9 @@ _in_one_frame.__code__ = _in_one_frame.__code__.replace(co_stacksize=140_000)
 
 
 def compiled(function: Any, *arguments: Any) -> Any:
-    """Compile a function for such arguments, in less time than its first call takes; return it.
-
-    Once it is compiled its arguments have the same types at every call. To find them takes .27 ms.
-    """
+    """Compile a function for such arguments, in less time than its first call takes; return it."""
     _warn_without_fma()
-    if not function.overloads:
+    if not function.overloads:  # its types are the same at every call; to find them takes .27 ms
         collecting = gc.isenabled()
         gc.disable()  # it would free next to nothing, and take a tenth of the time
         try:

@@ -128,16 +128,6 @@ def force_lanes(lanes, added, s, c):
         added[0, i], added[1, i] = forced(forcing, s, c)
 
 
-@jit
-def place_of_added(workspace, grid, n):
-    """Return the index in ``Workspace.added`` of what step `n` of `grid` adds to each lane."""
-    if grid.size <= KEPT:
-        return n
-    # Too many steps to keep: the values are computed now.
-    force_lanes(workspace.lanes, workspace.added[0], grid.table[SIN, n], grid.table[COS, n])
-    return 0
-
-
 @specialised
 def _propagate(lanes, size, added, phase_step, n, watching):
     old_row, new_row = (n & 1) * ROW, (~n & 1) * ROW
@@ -280,7 +270,9 @@ def take_exact_steps(batch, grid, carrying, watching):
     workspace, _, size = batch
     lanes = workspace.lanes
     for n in range(grid.size):
-        added = workspace.added[place_of_added(workspace, grid, n)]
+        if grid.size > KEPT:  # too many to keep: the values of this step are computed now
+            force_lanes(lanes, workspace.added[0], grid.table[SIN, n], grid.table[COS, n])
+        added = workspace.added[n if grid.size <= KEPT else 0]
         propagate_lanes(lanes, size, added, grid.phase_step, n, watching)
         listed = list_awake(workspace, size, grid, n, watching)
         if carrying is not None and carrying:

@@ -181,18 +181,6 @@ def run_points(
     return results | more
 
 
-def record_begins(
-    points: np.ndarray, scheme: Scheme, transient: int, begun: np.ndarray
-) -> np.ndarray:
-    """Return points that start where the record begins; `begun` is that of ``run_points``."""
-    if transient == 0:
-        return points
-    points = points.copy()  # the record begins at a section
-    points["x0"], points["v0"] = begun.T
-    points["phase"] = scheme.grid.table[THETA, 0]
-    return points
-
-
 def _record(
     points: np.ndarray,
     scheme: Scheme,

@@ -328,10 +328,6 @@ class ArclengthStep:
         """Return the position of a point along the tangent, as a share of the step."""
         return self.family.inner(self.begin.tangent, X - self.begin.X) / self.length
 
-    def between(self, share: float) -> np.ndarray:
-        """Return the unknowns at a share of the chord."""
-        return self.begin.X + share * (self.end.X - self.begin.X)
-
     def end_values(self, test: int) -> tuple[float, float]:
         """Return the values of a test function at both ends."""
         return float(self.begin.tests[0, test]), float(self.end.tests[0, test])

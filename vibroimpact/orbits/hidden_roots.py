@@ -104,7 +104,9 @@ def _fill_tests(system, X, bounds, values):
         if system.condition == NONE:
             # Where an orbit becomes one of half its period, the double root of the fold is
             # divided out.
-            first, second = c0 - c1 + c2, (c0 + c1 + c2) / distance_of_halves(X, system.m, q)
+            square = _product_of_halves(X, X, system.m, q)
+            first = c0 - c1 + c2
+            second = (c0 + c1 + c2) / square if square > ROUNDING else math.nan
         else:  # c1 and its rounding decay with the flow over the m periods; undo this
             pt = parameters_at(system, X)
             T = 2.0 * math.pi * system.m / pt.omega
@@ -126,19 +128,6 @@ def _product_of_halves(X, Y, m, q):
         product += phase * (Y[phase_at(j)] - Y[phase_at(i)] - turn) / q
         product += speed * (Y[speed_at(j)] - Y[speed_at(i)]) / q
     return product
-
-
-@jit
-def distance_of_halves(X, m, q):
-    """Return the mean square difference of the halves of an orbit; NaN if it is rounding."""
-    square = _product_of_halves(X, X, m, q)
-    return square if square > ROUNDING else math.nan
-
-
-@jit
-def halves_may_meet(X, Y, m, q):
-    """Whether the difference of the halves of an orbit falls so far that they may change places."""
-    return _product_of_halves(X, Y, m, q) < _LEAST_LEFT * _product_of_halves(X, X, m, q)
 
 
 @jit
@@ -263,6 +252,7 @@ def step_may_miss(system, begin, end, length):
         return True
     if system.condition != FOLD:
         return False
-    if halves_may_meet(X, Y, system.m, system.q):
+    m, q = system.m, system.q
+    if _product_of_halves(X, Y, m, q) < _LEAST_LEFT * _product_of_halves(X, X, m, q):
         return True
     return _may_have_cusps(system, X, tangent, Y, tangent_Y, length)

@@ -168,17 +168,12 @@ def one_impact_orbits(osc: Oscillator, n: int = 1) -> tuple[PeriodicOrbit, ...]:
     except ArithmeticError:
         raise ValueError(f"the numbers of the orbit are too large or too small: {osc}") from None
     slowest = _rounding(osc, n) * (osc.force / osc.omega + osc.p * abs(osc.clearance))
+    turn = 2.0 * math.pi  # the first remainder is 2 pi for a tiny negative phase
     return tuple(
-        PeriodicOrbit(osc, n, np.array([_wrapped(math.atan2(s, c))]), np.array([v]))
+        PeriodicOrbit(osc, n, np.array([math.atan2(s, c) % turn % turn]), np.array([v]))
         for v, s, c in solutions
         if v > slowest
     )
-
-
-def _wrapped(phase: float) -> float:
-    """Return a phase in [0, 2 pi)."""
-    turn = 2.0 * math.pi
-    return phase % turn % turn  # the first remainder is 2 pi for a tiny negative phase
 
 
 def one_impact_orbit(osc: Oscillator, n: int = 1) -> PeriodicOrbit:

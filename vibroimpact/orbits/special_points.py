@@ -190,7 +190,8 @@ def parents_flip(step: ArclengthStep) -> tuple[np.ndarray, PeriodicOrbit] | None
         return None
     if not step.exchanges_halves() and sizes[1] ** 2 >= ROUNDING:
         return None
-    halves, X = half_of(family, step.between(sizes[0] / sum(sizes)))
+    chord = step.end.X - step.begin.X
+    halves, X = half_of(family, step.begin.X + sizes[0] / sum(sizes) * chord)
     Y = halves.bifurcation(X, "flip")
     return None if Y is None else (doubling(halves, Y)[0], halves.orbit(Y, "flip"))
 

@@ -30,7 +30,6 @@ from vibroimpact.kernel.integrate import (
     Length,
     find_destinations,
     integrate,
-    record_begins,
     run_points,
 )
 from vibroimpact.points.regimes import has_result
@@ -38,7 +37,7 @@ from vibroimpact.points.stages import RunSpec, put_last, put_rows, run_with_own_
 from vibroimpact.status import Evidence, Status
 from vibroimpact.step.contact import with_near_stop
 from vibroimpact.step.recorder import trajectories
-from vibroimpact.step.scheme import Scheme
+from vibroimpact.step.scheme import THETA, Scheme
 
 #: Results proportional to f: their unit is a length, or a length per time.
 SCALED = (
@@ -148,7 +147,10 @@ def _run(
     if spec.every is not None:
         # A start beyond the phase of the section passes it in the next period of the clock.
         first = spec.transient + (points["phase"] > spec.phase)
-        points = record_begins(points, scheme, spec.transient, begun)
+        if spec.transient > 0:  # the record begins at a section
+            points = points.copy()
+            points["x0"], points["v0"] = begun.T
+            points["phase"] = scheme.grid.table[THETA, 0]
         # A rest has two events besides its impacts, and may begin before the record.
         events = spec.periods * results["impacts_per_period"] + 2.0 * results["chatters"] + 2.0
         results |= trajectories(

@@ -105,12 +105,6 @@ def next_impact(flight, end):
 
 
 @inlined
-def is_near_graze(eq, turn):
-    """Whether a turning point at y = `turn` is a near graze; above 0 there is an impact instead."""
-    return turn <= 0.0 and -turn <= NEAR_GRAZE * extent(eq)
-
-
-@inlined
 def end_of_step(flight, m, dtheta, left, phase_step):
     """Return the state after the time `left` of a flight that does not meet the stop."""
     if m == 4:
@@ -119,14 +113,6 @@ def end_of_step(flight, m, dtheta, left, phase_step):
         return math.nan, math.nan
     y, slope = value_and_slope(flight, 0, left / phase_step)
     return min(y, 0.0), slope / phase_step  # by rounding, the end may lie beyond the stop
-
-
-@inlined
-def expand_flight(eq, launch, released, phase_step, flight):
-    """Expand a flight; after a release its speed and acceleration are zero at the start."""
-    expand(eq, launch.y, launch.w, launch.s, launch.c, phase_step, flight)
-    if released:
-        flight[0] = flight[1] = flight[2] = 0.0  # remove their rounding errors
 
 
 @jit
@@ -143,7 +129,9 @@ def exact_flight(eq, launch, released, bound, left, phase_step, flight):
             dtheta, w_i = bounce(eq, launch, phase_step)
         if 0.0 < dtheta < left and is_first(launch.w, w_i, dtheta, bound, phase_step):
             return dtheta, w_i, 1, -math.inf
-    expand_flight(eq, launch, released, phase_step, flight)
+    expand(eq, launch.y, launch.w, launch.s, launch.c, phase_step, flight)
+    if released:  # its speed and acceleration are zero, but for rounding
+        flight[0] = flight[1] = flight[2] = 0.0
     end = left / phase_step
     for pieces in (2, 4):
         if stays_below(flight, end, bound, pieces, extent(eq)):
@@ -193,7 +181,7 @@ def exact_step(eq, pt, flight, resting, bound, phase, phase_step, scratch, n):
         dtheta, w_i, m, turn = exact_flight(
             eq, Flight(y, w, s, c, passed), released, bound, left, phase_step, coefficients
         )
-        grazes += is_near_graze(eq, turn)
+        grazes += -NEAR_GRAZE * extent(eq) <= turn <= 0.0  # above 0 there is an impact instead
         if dtheta == 0.0 and m > 1:  # the flight starts on the stop and is pressed against it
             resting = True
             n = log_event(events, n, REST, passed * per_time, 0.0, stop)

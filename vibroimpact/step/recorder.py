@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 import sys
-from typing import NamedTuple
+from functools import cache
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -148,26 +149,19 @@ def _trace(job, i, exactly):
     return rows, status
 
 
-@specialised
-def _trace_points(job, exactly):
-    """Log point after point until all are taken; `exactly` with the rule ``exact`` alone."""
-    i = claim(job.claimed)
-    while i < job.points.size:  # terminates: the counter only rises
-        rows, status = _trace(job, i, exactly)
-        job.outcomes[i, 0], job.outcomes[i, 1] = rows, status
+@cache
+def _loop_of(exactly: bool) -> Any:
+    """Return the loop of a thread with the rule ``exact``, or with a rule of time stepping."""
+
+    @jit
+    def trace_points(job):
         i = claim(job.claimed)
+        while i < job.points.size:  # terminates: the counter only rises
+            rows, status = _trace(job, i, exactly)
+            job.outcomes[i, 0], job.outcomes[i, 1] = rows, status
+            i = claim(job.claimed)
 
-
-@jit
-def _trace_exact(job):
-    """Log points with the rule ``exact``."""
-    _trace_points(job, True)
-
-
-@jit
-def _trace_steps(job):
-    """Log points with a rule of time stepping."""
-    _trace_points(job, False)
+    return trace_points
 
 
 def _logged(
@@ -183,7 +177,7 @@ def _logged(
 
     An `excerpt` is from `periods` to `most_rows` of a job; `events` are as of `trajectories`.
     """
-    n, run = points.size, _trace_exact if scheme.method[0] == EXACT else _trace_steps
+    n, run = points.size, _loop_of(scheme.method[0] == EXACT)
     interrupt = np.zeros(1, np.int64) if interrupt is None else interrupt
     periods, _, every, _ = excerpt
     rows = np.full(n, 4 * periods) if events is None else np.ceil(events).astype(np.int64)
