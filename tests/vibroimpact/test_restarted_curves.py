@@ -9,7 +9,6 @@ import pytest
 from tests.helpers.kernel_cases import few_or_many
 from vibroimpact.orbits.branches import branch
 from vibroimpact.orbits.curves import CURVE_KINDS, bifurcation_curve
-from vibroimpact.orbits.one_impact import one_impact_orbit
 from vibroimpact.orbits.orbit import PeriodicOrbit
 from vibroimpact.orbits.periodic import OrbitError, periodic_orbit
 from vibroimpact.oscillator import Oscillator
@@ -102,15 +101,6 @@ def test_a_curve_is_the_same_from_each_of_its_orbits(case):
     assert sorted(p.kind for p in swapped.special) == sorted(p.kind for p in whole.special)
     if case is CUSP:
         assert_multipliers(whole)
-
-
-def test_a_flip_on_a_branch_has_the_multiplier_minus_one():
-    """Beside it the orbit has a multiplier that is as near to -1 as the parameter to the flip."""
-    start = one_impact_orbit(Oscillator(h=0.1, R=0.8, omega=2.6, f=1.0))
-    (flip,) = [p for p in branch(start, "omega", 2.3, 3.2).special if p.kind == "flip"]
-    bare = PeriodicOrbit(flip.orbit.oscillator, 1, flip.orbit.phases, flip.orbit.speeds)
-    assert flip.orbit.multipliers[0] == -1.0 and not flip.orbit.stable
-    assert bare.multipliers == pytest.approx(flip.orbit.multipliers, abs=1e-12)
 
 
 @cache

@@ -124,13 +124,11 @@ def _warn_without_fma() -> None:
 
 
 def _in_one_frame(function: Any, types: Any) -> None:
-    """Compile in a frame with room for all frames in it.
-
-    Else, where Python's stack begins a new piece, each of 100,000 calls maps and unmaps that piece.
-    """
+    """Compile in a frame with room for all frames in it."""
     function.compile(types)
 
 
+# Else, where Python's stack begins a new piece, each of 100,000 calls maps and unmaps that piece.
 _in_one_frame.__code__ = _in_one_frame.__code__.replace(co_stacksize=140_000)
 
 

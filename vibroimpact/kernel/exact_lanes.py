@@ -251,7 +251,7 @@ def list_awake(workspace, size, grid, n, watching):
     """List lanes that may have met the stop; others stay at rest, or may widen their extremes."""
     lanes, met, new_row = workspace.lanes, workspace.met, (~n & 1) * ROW
     awake, theta = 0, grid.table[THETA, n] + grid.phase_step
-    for j in range(list_lanes(lanes, GUARD, met, size)):
+    for j in range(list_lanes(lanes, met, size)):
         i = met[j] & (LANES - 1)
         if watching is not None and watching and lanes[GUARD + i] < _MEETS:
             widen_by_lane(workspace, i, grid, n)

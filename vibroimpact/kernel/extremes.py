@@ -115,7 +115,7 @@ def begin_period(workspace, size, grid):
     """Widen the extremes of lanes that are near by a period; return whether any are watched."""
     lanes, met = workspace.lanes, workspace.met
     find_watched(lanes, size)
-    for j in range(list_lanes(lanes, GUARD, met, size)):
+    for j in range(list_lanes(lanes, met, size)):
         i = met[j] & (LANES - 1)
         steady, f = steady_in(lanes, i), FORMS + i
         if lanes[f] == 0.0:

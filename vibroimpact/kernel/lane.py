@@ -302,7 +302,7 @@ def loop_of(exactly: bool, plain: bool, exponents: bool, watching: bool) -> Any:
                 take_strides(batch, method, plain, grid, turning)
             end_period(batch, offset, grid.phase_step)
             # From the last lane on: a lane that takes the place of a complete one is done already.
-            for j in range(list_lanes(lanes, GUARD, met, size) - 1, -1, -1):
+            for j in range(list_lanes(lanes, met, size) - 1, -1, -1):
                 i = met[j]
                 attend_lane(batch, i, offset, job)
                 if lanes[PERIOD + i] >= job.periods:

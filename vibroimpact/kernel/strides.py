@@ -322,7 +322,7 @@ def take_strides(batch, method, plain, grid, turning):
         if plain:
             plain_lanes(lanes, size, grid.table, n, span, recording, turning)
             if recording:
-                listed = list_lanes(lanes, GUARD, met, size)
+                listed = list_lanes(lanes, met, size)
                 list_plain_impacts(batch, listed, grid, n, span)
                 if turning is not None:
                     for j in range(listed):
@@ -333,7 +333,7 @@ def take_strides(batch, method, plain, grid, turning):
             step_lanes(lanes, size, grid.table, n, span, turning)
         else:
             step_lanes(lanes, size, grid.table, n, span, None)
-        listed = list_lanes(lanes, GUARD, met, size)
+        listed = list_lanes(lanes, met, size)
         if rule == REDUCED_STEP and span == STRIDE:
             left = 0
             for lo in range(0, listed, COLUMNS):

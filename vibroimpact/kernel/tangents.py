@@ -62,7 +62,7 @@ def normalise_lanes(batch, n):
     lanes, met = workspace.lanes, workspace.met
     row = TANGENT + (n & 1) * ROW
     judge_tangents(lanes, size, row)
-    for j in range(list_lanes(lanes, GUARD, met, size)):
+    for j in range(list_lanes(lanes, met, size)):
         a = row + met[j]
         tangent = normalise(tangent_in(lanes, a, 2 * ROW), workspace.sums[met[j]])
         put_tangent(lanes, a, 2 * ROW, tangent)

@@ -171,11 +171,11 @@ def any_exceeds(lanes, row, limit, size):
 
 
 @jit
-def list_lanes(lanes, row, met, size):
-    """List those of the first `size` lanes whose `row` is not negative; return their number."""
+def list_lanes(lanes, met, size):
+    """List those of the first `size` lanes whose GUARD is not negative; return their number."""
     listed = 0
     for first in range(0, size, 64):
-        bits = not_negative(lanes, row + first)
+        bits = not_negative(lanes, GUARD + first)
         if first + 64 > size:
             bits &= (1 << (size - first)) - 1
         while bits != 0:  # terminates: one bit less each time

@@ -111,10 +111,9 @@ def residuals(pt, m, X, q):
     """Return the residuals of all flights and their derivatives.
 
     `pt` are the ``Parameters``, X the unknowns (``unknowns.py``), of which free parameters are
-    ignored. F, shape (q, 2), is inf
-    if an impact comes before the previous one, or if the repetition has more time steps than
-    ``MOST_ORBIT_STEPS``. A and B, shape (q, 2, 2), are the derivatives with respect to the impact
-    before the flight and the impact after it.
+    ignored. F, shape (q, 2), is inf if an impact comes before the previous one, or if the
+    repetition has more time steps than ``MOST_ORBIT_STEPS``. A and B, shape (q, 2, 2), are the
+    derivatives with respect to the impact before the flight and the impact after it.
     """
     F, A, B = zero_rows(q, 2), pairs(q, 2), pairs(q, 2)
     coefficients, M = filled(TERMS, 0.0), zero_rows(2, 2)

@@ -210,10 +210,9 @@ def trace(
 
     The log has the shape (rows, 4): kind of row, t, x, v, with NaN after a failure. It holds every
     `every`-th state of the grid, and both sides of every impact. Its clock begins at the section
-    number `first`. A run that ends early, because of
-    `interrupt` as for ``run_points`` or because its log has more than `most_rows`, has an empty log
-    and the status ``PENDING``. `extremes`, of shape (2,), receives the least and the greatest
-    displacement.
+    number `first`. A run that ends early, because of `interrupt` as for ``run_points`` or because
+    its log has more than `most_rows`, has an empty log and the status ``PENDING``. `extremes`, of
+    shape (2,), receives the least and the greatest displacement.
     """
     if periods * (scheme.grid.size // every) > most_rows:
         return np.empty((0, 4)), Status.PENDING
