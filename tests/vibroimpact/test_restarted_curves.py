@@ -138,7 +138,7 @@ def test_a_curve_is_the_same_on_both_sides_of_where_another_passes_or_crosses_it
     at the edge R = 1.
     """
     whole, ranges = random_curve(seed)
-    numbers = np.linspace(1, len(whole.values) - 2, 2).astype(int).tolist()
+    numbers = np.linspace(1, len(whole.values) - 2, 3).astype(int).tolist()
     assert_same_from_its_orbits(whole.kind, whole, ranges, numbers)
 
 

@@ -32,7 +32,11 @@ def free_multiplier(pt):
 
 @inlined
 def excess(pt, x, v, steady):
-    """Return a bound of the greatest later x of a motion without impacts, less the clearance."""
+    """Return a bound of the greatest later x of a motion without impacts, less the clearance.
+
+    The deviation from the free oscillation is a damped oscillation, whose hypot(x, v / p) does not
+    rise.
+    """
     deviation = hypot(x - steady[0], (v - steady[1]) / pt.p)
     return steady[2] + deviation - pt.clearance * (1.0 - _MARGIN)
 
@@ -76,7 +80,10 @@ def never_higher(pt, off, rate):
 
 @inlined
 def deviation_of(pt, x, v, steady):
-    """Return frequency, A and phase of the deviation A exp(-h t) cos(frequency t - phase)."""
+    """Return the deviation from the free oscillation: its frequency, amplitude and phase.
+
+    At the time t it is amplitude exp(-h t) cos(frequency t - phase), for h < p.
+    """
     frequency = math.sqrt((pt.p - pt.h) * (pt.p + pt.h))
     off = x - steady[0]
     side = (v - steady[1] + pt.h * off) / frequency

@@ -145,7 +145,10 @@ def put_repetition(destination, proof, sections, m, off, multiplier, q):
 
 @jit
 def judge(flow, y, w, m, size, destination):
-    """Judge the orbit of m periods near a motion; return whether the motion goes there."""
+    """Judge the orbit of m periods near a motion; return whether the motion goes there.
+
+    To the free oscillation goes only a motion of which that is proved.
+    """
     orbit = nearby_orbit(flow, y, w, m, size)
     if orbit.m == 0:
         return False
@@ -177,7 +180,10 @@ def nearer_section(flow, orbit, y, w, size):
 
 @jit
 def judge_cycle(motion, destination):
-    """Judge a motion that came back to the same bits by its record alone; return if that does."""
+    """Judge a motion that came back to the same bits by its record alone; return whether that does.
+
+    Its multiplier is NaN: it is not computed, not even 0 after a rest or 1 without dissipation.
+    """
     pt, sections, sums = motion.pt, motion.sections, motion.sums
     m = repetition_of_cycle(sections, sums.cycle, pt)
     rests = kind_of(sums) == _RESTS
@@ -226,7 +232,10 @@ def is_neutral(pt, kind):
 
 @jit
 def judge_exact_repetition(flow, motion, m, off, size, destination):
-    """Judge a motion that repeats exactly after m periods: it is neutral, rests, or came back."""
+    """Judge a motion that repeats exactly after m periods: it is neutral, rests, or came back.
+
+    It came back to the same bits if it is `off` by nothing.
+    """
     pt, sections, sums = motion.pt, motion.sections, motion.sums
     kind = kind_of(sums)
     neutral = is_neutral(pt, kind)

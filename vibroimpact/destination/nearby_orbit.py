@@ -66,7 +66,10 @@ def greatest_multiplier(J):
 
 @jit
 def correction(flow, y, w, m, size):
-    """Return Newton's correction after m periods, J, both in units of the record, and q or -1."""
+    """Return Newton's correction of a state after m periods, the derivative J, and q.
+
+    All are in the units of the record; q is -1 if the motion rests or overflows.
+    """
     end = follow(flow, y, w, m, True)
     ((yy, wy), (yw, ww)), stretch = end.columns, size[1] / size[0]
     J = yy, yw * stretch, wy / stretch, ww

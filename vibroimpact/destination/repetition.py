@@ -175,7 +175,10 @@ _ALIKE, _EQUAL = 0.5, 1e-3
 
 @specialised
 def rest_after(pt, scheme, m, scratch, exactly):
-    """Return how long a mass rests before the m-th release after one, as a phase; 0 if not then."""
+    """Return how long a mass that is released rests before the m-th release after it, as a phase.
+
+    It is 0 if there is no rest then, or one before.
+    """
     (method, grid), events = scheme, scratch.events
     if exactly:
         prepared, state = prepare_exact(grid, pt, scratch), (0.0, 0.0, True)
@@ -200,7 +203,10 @@ def rest_after(pt, scheme, m, scratch, exactly):
 
 @specialised
 def rests_alike(motion, m, exactly):
-    """Whether motions beside one that rests again after m periods do so, too."""
+    """Whether motions beside one that rests again after m periods do so, too.
+
+    The second is not asked if the first rests as long as the motion itself.
+    """
     pt, _, sums, scheme, memory = motion
     if is_held(pt):
         return True

@@ -177,7 +177,10 @@ def read(path: Path) -> bytes | None:
 
 
 def write(path: Path, data: bytes, most: int | None = None) -> None:
-    """Write a file whole or not at all, or an OSError; beyond `most` files the oldest go."""
+    """Write a file whole or not at all, safe beside other processes; OSError if that fails.
+
+    If the folder then has more than `most` files, the oldest go.
+    """
     make_folder(path.parent)
     with _opened(path.parent) as (folder, at):
         draft = folder / os.urandom(8).hex()

@@ -59,7 +59,10 @@ def jit(function: Callable) -> Any:
 
 
 def inlined(function: Callable) -> Any:
-    """Compile a function once for each type of arguments; LLVM merges it into its callers."""
+    """Compile a function once for each type of its arguments, and let LLVM merge it into callers.
+
+    So no call ends the vectorisation of a loop.
+    """
     return _compiled(function, forceinline=True)
 
 

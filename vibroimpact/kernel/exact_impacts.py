@@ -138,7 +138,11 @@ def _put_series(c, j, terms):
 
 @jit
 def follow_flights(c, vectors, waves, phase_step, launched):
-    """Follow flights as ``meet_stop`` does, stage by stage; `launched` ones begin with rebounds."""
+    """Follow the flights of `vectors` vectors as ``meet_stop`` does, stage by stage.
+
+    `waves` holds sine and cosine of the phase at the start of the step, and at its end; `launched`
+    says whether the flights begin with rebounds, or with the step.
+    """
     widest_vectors()
     count = VECTOR * vectors  # shows LLVM that no column is left over
     wave, end_wave = waves

@@ -145,7 +145,12 @@ def _propagate(lanes, size, added, phase_step, n, watching):
 
 @jit
 def propagate_lanes(lanes, size, added, phase_step, n, watching):
-    """Take the first lanes over step `n`; a GUARD below 0 proves that there was no impact."""
+    """Take the first lanes over step `n`; a GUARD below 0 proves that there was no impact.
+
+    A lane at rest has y = w = 0, so its GUARD is not negative, and it is listed at every step. If
+    `watching`, that of a lane that may have met the stop is ``_MEETS``; that of any other is not
+    negative if it is watched and its step may go beyond its extremes.
+    """
     widest_vectors()
     if watching is not None and watching:
         _propagate(lanes, size, added, phase_step, n, True)
@@ -155,7 +160,11 @@ def propagate_lanes(lanes, size, added, phase_step, n, watching):
 
 @jit
 def end_flights(batch, lo, count, grid, n, carrying, last, watching):
-    """End the flights of these columns; return how many begin with rebounds, in the first ones."""
+    """List the impacts that end the flights of these columns, and end or go on with their steps.
+
+    Return the number of flights that begin now, with rebounds, in the first columns; their lanes
+    are listed from index `lo` on. If these are the `last` columns, they go alone.
+    """
     workspace, record, _ = batch
     lanes, c, met = workspace.lanes, workspace.columns, workspace.met
     table, new_row = grid.table, (~n & 1) * ROW

@@ -245,7 +245,12 @@ def _exponents(points: np.ndarray, sums: np.ndarray, duration: np.ndarray) -> np
 
 
 def _grows(points: np.ndarray, impacts: np.ndarray, sections: np.ndarray) -> np.ndarray:
-    """Whether each third of a record exceeds the one before as that of an unbounded motion does."""
+    """Whether each motion grew through its record as an unbounded motion does.
+
+    `impacts` is their number, and `sections` has the shape (n, periods, 2). In each third of the
+    record the smallest section and the largest one must exceed those of the third before by
+    ``_SHARE`` of the growth of the resonance.
+    """
     p, f, stop = points["p"], points["f"], points["clearance"]
     with np.errstate(all="ignore"):  # extreme values, whose rate is then NaN or 0
         ratio = points["omega"] / (2.0 * p)

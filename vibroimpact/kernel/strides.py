@@ -133,7 +133,11 @@ def _step_span(lanes, size, table, n, span, watching):
 
 @jit
 def step_lanes(lanes, size, table, n, span, turning):
-    """Take the first lanes over a stride from step `n`, or a single one; unsafe lanes stay."""
+    """Take the first lanes over a stride from step `n`, or over a single step.
+
+    A lane that may meet its stop stays where it is, and its GUARD is not negative. If `turning` is
+    not None, so does a lane that may widen its extremes, with the GUARD ``WIDENS``.
+    """
     widest_vectors()
     watching = turning is not None
     if span == STRIDE:
@@ -183,7 +187,11 @@ def _plain_span(lanes, size, table, n, span, recording, watching):
 
 @jit
 def plain_lanes(lanes, size, table, n, span, recording, turning):
-    """Take the first lanes over a stride from step `n`, or a single one, by the rule ``plain``."""
+    """Take the first lanes over a stride from step `n`, or a single step, with the rule ``plain``.
+
+    While recording, the GUARD of lanes with an impact is not negative. If `turning` is not None, a
+    lane that may widen its extremes stays where it is, with the GUARD ``WIDENS``.
+    """
     widest_vectors()
     watching = turning is not None
     if not recording:
@@ -245,7 +253,11 @@ def _bounds_of_impact(c, j):
 
 @jit
 def correct_stepped_lanes(batch, lo, count, left, integrator, grid, n, turning):
-    """Take `count` listed lanes from `lo` on over a stride; list those of no sure impact again."""
+    """Take `count` listed lanes, from index `lo` on, over the stride from step `n`.
+
+    A lane for which a single impact is not certain is not moved; it is listed again, after the
+    `left` lanes that are listed again so far. Returns the new number of such lanes.
+    """
     workspace, record, _ = batch
     lanes, met, c, table = workspace.lanes, workspace.met, workspace.columns, grid.table
     gather(batch, lo, count, table, n)
@@ -310,7 +322,10 @@ def resolve_stepped_lane(batch, i, method, grid, n, span, turning):
 
 @specialised
 def take_strides(batch, method, plain, grid, turning):
-    """Take all lanes over the steps of `grid` stride by stride, and singly over those left over."""
+    """Take all lanes over the steps of `grid` stride by stride, and singly over those left over.
+
+    `plain` says whether the rule is ``plain``. It is a literal, so only that loop is compiled.
+    """
     workspace, _, size = batch
     lanes, met = workspace.lanes, workspace.met
     rule, integrator = method

@@ -173,7 +173,10 @@ def _new_memory() -> Memory:
 
 
 def compile_search(*, begin: bool = False) -> None:
-    """Compile the search by the rule ``exact``, or only `begin`: translate what its loop calls."""
+    """Compile the search for destinations with the rule ``exact``, for a run that begins.
+
+    If only to `begin`, translate what its loop contains, too: a step of a point alone.
+    """
     points, sums, memory = np.zeros(1, POINT), np.empty(1, SUMS), _new_memory()
     scheme = Scheme((EXACT, EXACT), PhaseGrid(np.empty((3, 2)), 0.0, 1))
     sections, flag = np.empty((1, 1, 2)), np.zeros(1, np.int64)

@@ -248,7 +248,10 @@ def grazing_branch(orbit: PeriodicOrbit, parameter: str, low: float, high: float
 
 
 def refuse_natural(graze: PeriodicOrbit) -> None:
-    """Raise an OrbitError at the graze of an undamped natural vibration, which has any phase."""
+    """Raise an OrbitError at the graze of a natural vibration, of which there is one at any phase.
+
+    That is without damping, where m p is a multiple of omega. It is not the free oscillation.
+    """
     osc = graze.oscillator
     is_free = abs(osc.clearance - abs(free_amplitude(osc))) <= STILL * abs(osc.clearance)
     if repeats_freely(osc, graze.m) and not (graze.speeds.any() or is_free):

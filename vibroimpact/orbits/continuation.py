@@ -109,7 +109,10 @@ def _step(
 def _trial(
     family: OrbitFamily, begin: Point, length: float, orientation: float
 ) -> tuple[ArclengthStep, float] | None:
-    """Return a step, to the last orbit at most; None if it fails, turns far or jumps."""
+    """Return a step of a length, at most to the last orbit; None if it fails, turns far or jumps.
+
+    `orientation` and the other result are as of `_step`.
+    """
     X, along = begin.X, begin.tangent
     Y = family.corrected(X + length * along, along[None, :])
     if Y is None or not family.inner(Y - X, Y - X) < 4.0 * length * length:
@@ -261,7 +264,10 @@ def cannot_leave(family: OrbitFamily, X: np.ndarray) -> bool:
 
 
 def _without_force(family: OrbitFamily, X: np.ndarray) -> np.ndarray | None:
-    """Return the limit near X at which orbits vanish with force and clearance, or None."""
+    """Return the limit at which orbits vanish with the force; None if X is not near it.
+
+    They vanish if the clearance is 0, since x and v are then proportional to the force.
+    """
     X = X.copy()
     values = free(X, family.q)
     for j, axis in enumerate(family.parameters):
@@ -276,7 +282,10 @@ def _without_force(family: OrbitFamily, X: np.ndarray) -> np.ndarray | None:
 
 
 def _at_edges(step: ArclengthStep, reason: Inadmissible) -> np.ndarray:
-    """Return the end of a path at an edge, extrapolated along its last step to the edge itself."""
+    """Return the end of a path at an edge, extrapolated along its last step to the edge itself.
+
+    The equations of folds may be singular there, as just before a degenerate flip.
+    """
     family, X, begin = step.family, step.end.X, step.begin.X
     value, before = (float(family.free_values(Y)[reason.at]) for Y in (X, begin))
     if value == reason.where or value == before:
@@ -311,7 +320,10 @@ def _without_speed(step: ArclengthStep) -> np.ndarray:
 
 
 def _graze(step: ArclengthStep, reason: Inadmissible) -> End | None:
-    """Return the graze near the end of a branch, as `ending` does; None if there is none."""
+    """Return the graze near the end of a branch, as `ending` does; None if there is none.
+
+    Where Newton's method misses it, a flight touches the stop at its highest point.
+    """
     family, X = step.family, step.end.X
     grazing, Y, index = family, X, reason.at
     if reason.kind == "penetration":
@@ -331,7 +343,10 @@ def _graze(step: ArclengthStep, reason: Inadmissible) -> End | None:
 def _with_touch(
     family: OrbitFamily, X: np.ndarray, reason: Inadmissible
 ) -> tuple[OrbitFamily, np.ndarray]:
-    """Return family and point with one more impact, of speed 0, where a flight is highest."""
+    """Return the family and the point with one more impact, of speed zero.
+
+    This impact is at the highest point of the flight that crosses the stop.
+    """
     at, z = reason.at, impact_rows(X, family.q)
     turns = calls.turning_points(family.system, X, at)
     least = turns[:, 1].max() - ROUNDING

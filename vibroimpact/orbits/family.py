@@ -217,7 +217,10 @@ class OrbitFamily:
         return X
 
     def corrected_each(self, X: np.ndarray, along: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return points of a branch near rows of X, across rows of `along`, and which are found."""
+        """Return the points of a branch near each row of X, and whether one is found, (n,).
+
+        Row i moves in the plane across row i of `along`.
+        """
         X = X.copy()
         return X, calls.correct(self.system, X, along, _MOST_ITERATIONS)
 
@@ -352,7 +355,10 @@ class ArclengthStep:
     def root(
         self, function: Callable[[np.ndarray], float], first: float, last: float
     ) -> np.ndarray | None:
-        """Return the root of a function whose end values differ in sign; None if not found."""
+        """Return the root of a function whose values at the ends differ in sign; None if not found.
+
+        At the ends Newton's method may fail, and another sum of the same terms have another sign.
+        """
         from scipy.optimize import brentq
 
         X, tangent = self.begin.X, self.begin.tangent
@@ -373,6 +379,6 @@ class ArclengthStep:
 
         try:
             s = brentq(along_step, 0.0, self.length, xtol=1e-16 * (1.0 + self.length), rtol=1e-14)
-        except (ArithmeticError, ValueError):  # or a sign at an end is rounding
+        except (ArithmeticError, ValueError):
             return None
         return at(float(s))

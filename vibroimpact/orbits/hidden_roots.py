@@ -84,7 +84,10 @@ def difference(system, X):
 
 @jit
 def _size_of_rounding(system):
-    """Return a power of two near the speeds of a system, as the rounding of det J(mu) is."""
+    """Return a power of two to which the rounding of det J(mu) is proportional: that of the speeds.
+
+    Over wide ranges the speeds of an orbit may be far below 1 in natural units.
+    """
     pt = parameters_in(system.point)
     _, exponent = math.frexp(pt.f / (pt.omega + pt.p))
     return math.ldexp(1.0, exponent)
@@ -238,7 +241,11 @@ def _may_have_cusps(system, X, tangent, Y, tangent_Y, length):
 
 @jit
 def step_may_miss(system, begin, end, length):
-    """Whether a step may miss roots of the test functions, or points that are not orbits."""
+    """Whether a step may miss roots of the test functions, or points that are not orbits.
+
+    It leads from a point to another (`PlainPoint`); `length` is its length along the first
+    tangent.
+    """
     X, tangent, tests = begin
     Y, tangent_Y, tests_Y = end
     if _oscillates_far(system, X, Y):

@@ -63,7 +63,10 @@ _FASTEST = 1e3
 def singular_end(
     family: OrbitFamily, points: Sequence[np.ndarray], lost: bool = False
 ) -> End | None:
-    """Return how a path ends beyond some points, where, and the orbit; None if it goes on."""
+    """Return how a path ends beyond some points, where, and the orbit; None if it goes on.
+
+    `lost` says whether Newton's method fails there.
+    """
     end = _unbounded(family, points)
     if end or not family.kind:
         return end
@@ -72,7 +75,11 @@ def singular_end(
 
 
 def _degenerate_flip(family: OrbitFamily, points: Sequence[np.ndarray], lost: bool) -> End | None:
-    """Return the ``flip`` of the half in which a curve of folds ends, as above, or None."""
+    """Return how a curve of folds ends beyond some points, where, and the orbit; None if not near.
+
+    It ends in a ``flip`` of the half. The mean of the halves is a smooth function of the square of
+    their difference: its limit is near.
+    """
     if family.kind != "fold" or family.m % 2 or family.q % 2:
         return None
     m, q = family.m, family.q
@@ -199,7 +206,10 @@ def flip_that_touches(family: OrbitFamily, X: np.ndarray) -> End | None:
 
 
 def _unbounded(family: OrbitFamily, points: Sequence[np.ndarray]) -> End | None:
-    """Return where the speeds of a path become infinite, as above: at an ``edge``, or ``lost``."""
+    """Return where the speeds of a path become infinite, as above: at an ``edge``, or ``lost``.
+
+    The parameters are smooth functions of the inverse speed.
+    """
     pt = calls.parameters(family.system, points[-1])
     usual = pt.f / (pt.omega + pt.p) + pt.p * abs(pt.clearance)
 

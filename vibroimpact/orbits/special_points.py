@@ -139,7 +139,10 @@ def _changes(a: float, b: float) -> bool:
 
 
 def _note_degenerate_flips(path: Path, points: Sequence[np.ndarray]) -> None:
-    """Note the degenerate flips between points of a curve of flips, in order."""
+    """Note the degenerate flips between points of a curve of flips, in order.
+
+    A chord that may have two of them is halved, as in ``hidden_roots.py``.
+    """
     if path.family.kind != "flip" or len(points) < 2:
         return
     family, X = path.family, np.array(points)

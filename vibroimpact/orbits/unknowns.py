@@ -309,7 +309,10 @@ def characteristic_and_slopes(A, B, dA, dB):
 
 @jit
 def set_null_vector(A, B, mu, z):
-    """Set z, z_1 >= 0, so that A_i z_i + B_i z_{i+1} = 0, z_{q+1} = mu z_1, for a multiplier mu."""
+    """Set z, (2 q,), so that A_i z_i + B_i z_{i+1} = 0, z_{q+1} = mu z_1, for a multiplier mu.
+
+    Its first element, the phase of the first impact, is not negative.
+    """
     n, largest = 2 * A.shape[0], -1.0
     N, last = zero_rows(2, n), filled(2, 0.0)
     solve(_without_last(A, B), z, N)

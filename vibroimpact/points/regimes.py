@@ -100,7 +100,10 @@ def has_result(status: np.ndarray) -> np.ndarray:
 
 
 def rests(results: Mapping[str, np.ndarray]) -> np.ndarray:
-    """Return the mask of motions with rest that go to no orbit without rest."""
+    """Return the mask of motions with rest, given ``rest_fraction`` and ``class_evidence``.
+
+    A motion that goes to an orbit without rest does not rest again.
+    """
     mask: np.ndarray = results["rest_fraction"] > 0.0
     return mask & ~np.isin(results["class_evidence"], _WITHOUT_REST)
 
@@ -148,7 +151,11 @@ def regimes_of(results: Mapping[str, np.ndarray], omega: np.ndarray, periods: in
 
 
 def shown_in_part(results: Mapping[str, np.ndarray], periods: int, width: int) -> np.ndarray:
-    """Return the mask of motions with more than `width` impacts in a repetition and in all."""
+    """Return the mask of motions of which less than a repetition of impacts was kept.
+
+    At most `width` impacts were, of a record of `periods` forcing periods. Where no class is known,
+    the impacts of a forcing period count as a repetition.
+    """
     repetition = per_period = results["impacts_per_period"]
     if "period" in results:
         repetition = np.where(results["period"] > 0, results["period_impacts"], per_period)
@@ -181,7 +188,10 @@ def by_destination(regimes: np.ndarray, distance: np.ndarray) -> dict[str, np.nd
 def repetitions(
     regimes: np.ndarray, period: np.ndarray, impacts: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return m and q of motions, 0 if they have none; motions with rest have no q."""
+    """Return m and q of motions, given their results; 0 if the motion has none.
+
+    Motions with rest have m if they were shown to repeat, and no q.
+    """
     repeats = np.isin(regimes, (Regime.PERIODIC, Regime.REST))
     return np.where(repeats, period, 0), np.where(regimes == Regime.PERIODIC, impacts, 0)
 
@@ -189,9 +199,12 @@ def repetitions(
 def labels_of(
     regimes: np.ndarray, period: np.ndarray, impacts: np.ndarray, R: np.ndarray
 ) -> list[Label | None]:
-    """Return the class of each motion, given arrays of shape (n,); None if it is not known."""
+    """Return the class of each motion, given arrays of shape (n,); None if it is not known.
+
+    Motions with rest have q only if R is 0 at all points.
+    """
     m, q = repetitions(regimes, period, impacts)
-    if not R.any():  # no chatter is cut off
+    if not R.any():
         q = np.where(regimes == Regime.REST, impacts, q)
     return [
         Label(Regime(regime), *mq) if regime in _CLASSIFIED else None

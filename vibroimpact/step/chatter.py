@@ -59,7 +59,10 @@ def is_first(w, w_i, t, bound, phase_step):
 
 @jit
 def bounce(eq, launch, phase_step):
-    """Return the length of a rebound, if within half a step, and w there; else -1 and 0."""
+    """Return the length of a rebound that returns within half a step, and w at its end.
+
+    They are -1 and 0 if no return is found. `is_first` proves that it is the first.
+    """
     w = launch.w
     k = series(eq, 0.0, w, launch.s, launch.c)
     rest = (*k[1:], 0.0)
@@ -130,7 +133,13 @@ def wave_after(s, c, dtheta, theta):
 
 @jit
 def time_to_rest(v, theta, s, c, left, pt):
-    """Return the time until a chatter is complete, inf if that is not in time, and the status."""
+    """Return the time until the chatter after a rebound at speed `v` is complete, and the status.
+
+    The chatter begins at phase `theta`, with sine `s` and cosine `c`. The time is inf if the
+    chatter is not complete within the time `left`, or if its sum is not yet exact to rounding. If R
+    is so near to 1 that the chatter would take too many bounces, the time is 0 once the bounces are
+    short, and the status is ``CUT_SHORT``.
+    """
     a = pressing(s, pt)
     if not a > 0.0:
         return math.inf, _CERTIFIED

@@ -8,7 +8,6 @@ reaches zero but never becomes negative: the mass stays for ever.
 has few digits. A motion without impacts is the free oscillation, of amplitude A, and a deviation
 whose hypot(x, v / p) does not rise. So |x| stays below A + hypot(x0 - x_p, (v0 - v_p) / p), where
 |x_p| <= A and |v_p| <= A omega. A stop that is not met does nothing: it may be anywhere beyond.
-Where it is put depends on the start, so it stays there for all parts of a run.
 """
 
 from __future__ import annotations
@@ -107,9 +106,12 @@ def start(pt, s):
 
 @jit
 def speeds_until_rest(v, wait, s, c, pt):
-    """Return the sum of the speeds before the impacts of a chatter that is replaced by its sum."""
-    # The impulse, (1 + R) times the sum, is that of the pressing force less v. Damping and spring
-    # contribute only at third order in `wait`.
+    """Return the sum of the speeds before the impacts of a chatter that is replaced by its sum.
+
+    The chatter begins with a rebound at speed `v`, at a phase with sine `s` and cosine `c`, and is
+    complete after the time `wait`. The impulse at its impacts, (1 + R) times the sum, is that of
+    the pressing force less `v`. Damping and spring contribute only at third order in `wait`.
+    """
     push = (pressing(s, pt) - 0.5 * pt.f * pt.omega * c * wait) * wait
     return max(push - v, 0.0) / (1.0 + pt.R)
 
@@ -117,13 +119,20 @@ def speeds_until_rest(v, wait, s, c, pt):
 def impulse_and_loss(
     R: np.ndarray, speeds: np.ndarray, squares: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return impulse and energy lost per mass, by sums of the speeds and of their squares."""
+    """Return the impulse of impacts and the energy lost, per mass; they may overflow to inf.
+
+    `speeds` and `squares` are the sums of the speeds before the impacts, and of their squares.
+    """
     with np.errstate(over="ignore", invalid="ignore"):
         return (1.0 + R) * speeds, 0.5 * (1.0 - R) * (1.0 + R) * np.where(R < 1.0, squares, 0.0)
 
 
 def with_near_stop(points: np.ndarray, impact: str) -> np.ndarray:
-    """Return points with one force and, by the rule ``exact``, with stops out of reach put near."""
+    """Return points with one force; with the rule ``exact``, far stops that are never met are near.
+
+    The new clearance is a power of two. It depends on the start, so it must stay the same for all
+    parts of a run.
+    """
     points = with_one_force(points)
     if impact == "exact":
         h, omega, f, p, stop = (points[name] for name in ("h", "omega", "f", "p", "clearance"))

@@ -62,11 +62,14 @@ _CERTIFIED, _CUT_SHORT = int(Status.CERTIFIED), int(Status.CUT_SHORT)
 
 @jit
 def stays_below(flight, end, bound, pieces, scale):
-    """Whether a flight is proved to stay below the stop in equal pieces; see ``propagator.py``."""
+    """Whether a flight that starts on or below the stop is proved to stay below, in equal pieces.
+
+    See ``propagator.py`` for the proof. `scale` is the ``extent`` of the motion. A slack excludes
+    near grazes, also at the ends of the pieces: the undamped free oscillation turns there.
+    """
     width = end / pieces
     for k in range(TERMS):
         scale += abs(flight[k])
-    # It excludes near grazes, also at the ends: the undamped free oscillation turns there.
     slack = 10.0 * NEAR_GRAZE * scale
     bound = bound * width**4 + slack
     if -slack < flight[0] < 0.0:
@@ -106,7 +109,11 @@ def next_impact(flight, end):
 
 @inlined
 def end_of_step(flight, m, dtheta, left, phase_step):
-    """Return the state after the time `left` of a flight that does not meet the stop."""
+    """Return the state after the time `left` of a flight that does not meet the stop.
+
+    The flight itself decides whether the mass turns before the end of the step: the next step
+    begins with the same speed, so the turning point is counted once.
+    """
     if m == 4:
         return 0.0, 0.0
     if math.isnan(dtheta):

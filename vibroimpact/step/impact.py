@@ -72,7 +72,11 @@ class Guess(NamedTuple):
 
 
 class Impact(NamedTuple):
-    """The end of a flight, as far as `proved` says that its numbers are valid."""
+    """The end of a flight, as far as `proved` says that its numbers are valid.
+
+    With ``ONLY`` all numbers are valid, with ``FIRST`` all but that the rebound may return before
+    the end of the step, with ``FREE`` `y` and `w`, with ``NOTHING`` none.
+    """
 
     y: float  #: State at the end of the step, as if there were no further impact.
     w: float
@@ -84,7 +88,10 @@ class Impact(NamedTuple):
 
 @inlined
 def series(eq, y, w, s, c):
-    """Return the coefficients of the Taylor series of y about a state by (P), to the 16th power."""
+    """Return the coefficients of the Taylor series of y about a state, up to the 16th power.
+
+    The derivatives follow from (P): y(k+2) = of_w y(k+1) + of_y y(k) + of_sin sin(k)(theta).
+    """
     F, a, b, fs, fc = INVERSE_FACTORIALS, eq.of_w, eq.of_y, eq.of_sin * s, eq.of_sin * c
     d2 = fma(a, w, fma(b, y, fs + eq.of_1))
     d3 = fma(a, d2, fma(b, w, fc))
@@ -169,7 +176,10 @@ def guess_return(eq, launch, phase_step):
 
 @inlined
 def expand_near(eq, flight, free, end_wave, late):
-    """Expand a flight as ``series`` does, about its start or, if `late` is 1, the step's end."""
+    """Expand a flight as ``series`` does, about its start or, if `late` is 1, the step's end.
+
+    `end_wave` is sine and cosine of the phase at the end of the step.
+    """
     at_end = late > 0.0
     y, w = select(at_end, free.y, flight.y), select(at_end, free.w, flight.w)
     s, c = select(at_end, end_wave[0], flight.s), select(at_end, end_wave[1], flight.c)
@@ -203,7 +213,10 @@ def approach(k, guessed, phase_step):
 
 @inlined
 def own_end(k, flight, free, late, phase_step):
-    """Return the free end of a flight after a rebound, by its own series `k` if that is near."""
+    """Return the free end of a flight after a rebound as its own series gives it, if that is near.
+
+    So a short flight has the digits of its own height. `k` is the series of ``expand_near``.
+    """
     left = phase_step - flight.begin
     near = (late == 0.0) & (left < _FARTHEST * phase_step)
     y, w, _ = all_terms(k, left)
@@ -255,7 +268,11 @@ def end_flight(flight, free, guessed, k, values, phase_step):
 
 @inlined
 def rebound(eq, free, r, w_i, proved, phase_step):
-    """Continue from an impact to the end of the step, and prove that there is no other."""
+    """Continue from an impact to the end of the step, and prove that there is no other.
+
+    Parameters as returned by ``end_flight``. Returns the state at the end of the step, and what is
+    proved.
+    """
     per_step = 1.0 / phase_step
     of_y, of_w = impulse(eq.of_w, eq.of_y, r)
     launch = eq.R * w_i
@@ -270,7 +287,10 @@ def rebound(eq, free, r, w_i, proved, phase_step):
 
 @inlined
 def launch_after(eq, wave, at, w_i):
-    """Return the ``Flight`` that begins with the rebound from an impact."""
+    """Return the ``Flight`` that begins with the rebound from an impact.
+
+    `wave` is sine and cosine of the phase at the start of the step.
+    """
     s, c = sin_cos(at)
     s, c = fma(wave[0], c, wave[1] * s), fma(wave[1], c, -wave[0] * s)
     return Flight(0.0, -eq.R * w_i, s, c, at)

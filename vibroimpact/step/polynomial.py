@@ -38,7 +38,10 @@ _MOST_INTERVALS = 2**19 + 20
 
 @jit
 def expand(eq, y, w, s, c, phase_step, coefficients):
-    """Set the Taylor coefficients of y(u), by (P), for a flight from (y, w) at sine s, cosine c."""
+    """Set the Taylor coefficients of y(u) for a flight from (y, w), at sine `s` and cosine `c`.
+
+    Differentiating (P) k times: y(k+2) = of_w y(k+1) + of_y y(k) + of_sin sin(k)(theta).
+    """
     weight, constant = 1.0, eq.of_1
     for k in range(coefficients.size):
         coefficients[k] = y * weight

@@ -112,7 +112,10 @@ def coefficients_of(pt):
 
 @inlined
 def extent(eq):
-    """Return (f + p^2 |clearance|) / (omega^2 + 2 h omega + p^2), the extent of the motion."""
+    """Return (f + p^2 |clearance|) / (omega^2 + 2 h omega + p^2), the extent of the motion.
+
+    A free oscillation that touches the stop has an amplitude of half to twice the extent.
+    """
     return (abs(eq.of_sin) + abs(eq.of_1)) / (1.0 - eq.of_w - eq.of_y)
 
 
@@ -140,7 +143,10 @@ def propagator_of(eq, phase_step, c):
 
 @inlined
 def bound_factors(eq, load, phase_step):
-    """Return the factors of |y|, |w|, 1 in the bound of a step; of |x|, |w|, 1 if `load` is 0."""
+    """Return the factors of |y|, |w| and 1 in the remainder bound of a whole step.
+
+    The `load` is |of_1|, or 0 for factors of |x|, |w| and 1.
+    """
     a, b, f = -eq.of_w, -eq.of_y, -eq.of_sin
     root, greatest = math.sqrt(b), f + load
     # The factors of V and of 1 in the bounds of the derivatives.

@@ -36,7 +36,11 @@ _NO_LIMIT = sys.maxsize
 
 @jit
 def _put(log, n, kind, t, x, v):
-    """Write a row if there is room, with NaN after a failure; return the number, written or not."""
+    """Write a row if there is room; return the number of rows, written or not.
+
+    Its columns have the shape (3, rows), or (4, rows) if the kind is logged, too. After a failure x
+    and v are NaN.
+    """
     if n < log.shape[1]:
         failed = not (math.isfinite(x) and math.isfinite(v))
         log[-3, n] = t
@@ -48,7 +52,10 @@ def _put(log, n, kind, t, x, v):
 
 @jit
 def _put_events(log, n, events, n_events, t, t_T, T, pt):
-    """Write the events of a step; return the rows, and whether the last is an impact at the end."""
+    """Write the events of a step that began at `t`; an impact gives a row before and one after.
+
+    Return the number of rows, and whether the last is the state after an impact at the end `t_T`.
+    """
     at, at_end = t, False
     for k in range(n_events):
         # Rounded in different ways, no event may come before another, or after the step.

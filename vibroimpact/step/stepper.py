@@ -73,7 +73,12 @@ def from_state(rule, state, pt):
 
 @specialised
 def take_step(method, rows, state, phase, phase_step, pt, scratch):
-    """Take a state over a step by the rows of its affine map; return what ``reduced_step`` does."""
+    """Take a state over a step by the rows of its affine map, and correct it if it met the stop.
+
+    `method` holds the codes of the rule, which is not ``exact``, and of the integrator. `phase` is
+    the phase at the start, its sine and its cosine; `phase_step` is omega T. Returns the same as
+    ``reduced_step``.
+    """
     (x, v, resting), (_, s, c), (to_x, to_v) = state, phase, rows
     x_T, v_T = apply_map(to_x, x, v, s, c), apply_map(to_v, x, v, s, c)
     if resting or not x_T < pt.clearance:
@@ -88,7 +93,10 @@ def take_step(method, rows, state, phase, phase_step, pt, scratch):
 
 @specialised
 def take_exact_step(prepared, state, grid, n, pt, scratch, extremes, watching):
-    """Take a step with the rule ``exact``; return the state, events, status, and any extremes."""
+    """Take a step with the rule ``exact``, as ``exact_lanes.py`` does for many points at once.
+
+    Returns the state, the number of events, the status, and the extremes if `watching`, a literal.
+    """
     (y, w, resting), table, (eq, (propagator, forcing)) = state, grid.table, prepared
     theta, wave, phase_step = table[THETA, n], (table[SIN, n], table[COS, n]), grid.phase_step
     y_T, w_T, bound, guard, floor = propagate(propagator, y, w, forced(forcing, *wave), phase_step)
@@ -179,7 +187,10 @@ def watch_exact_grid_step(prepared, state, grid, n, pt, scratch, extremes):
 
 @specialised
 def first_section(method, grid, pt, scratch, continued, exactly):
-    """Take a point alone to its first section; return its state there, and the worst status."""
+    """Take a point alone to its first section; return its state there, and the worst status.
+
+    `continued` says whether the start is a state that another run has reached.
+    """
     rule, table = method[0], scratch.lead
     table[THETA, 1] = pt.phase
     table[SIN, 1], table[COS, 1] = sin_cos(pt.phase)

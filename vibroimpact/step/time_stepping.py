@@ -98,7 +98,11 @@ def linear_impact_after_launch(v, x_T, v_T, T, clearance):
 
 @specialised
 def cubic_impact(integrator, launch, end, T, pt, coefficients):
-    """Return time and speed of the impact on the Hermite cubic of a step; speed 0 for none."""
+    """Return time and speed of the impact on the cubic Hermite interpolant of a step.
+
+    The speed is that after an integrator step of this length, or 0 if the interpolant does not
+    cross the stop.
+    """
     (x, v, s, c), (x_T, v_T) = launch, end
     rise = x_T - x
     coefficients[0] = x - pt.clearance
@@ -172,7 +176,11 @@ def single_linear_impact(x, v, x_T, v_T, theta, T, pt):
 
 @jit
 def geometric_time_to_rest(v, theta, s, left, T, pt):
-    """Return the time until the chatter after a rebound is complete; inf if it is after `left`."""
+    """Return the time until the chatter that follows a rebound at speed `v` is complete.
+
+    The chatter begins at phase `theta`, with sine `s`. The time is inf if the chatter is not
+    complete within the time `left` of a step of length `T`.
+    """
     a = pressing(s, pt)
     if not a > 0.0:
         return math.inf

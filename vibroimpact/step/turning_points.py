@@ -109,7 +109,11 @@ def part_of(bound, t, phase_step):
 
 @inlined
 def guess_turn(y_0, w_0, y_1, w_1, t, bound):
-    """Return where a flight turns, as a share of `t`, whether it does, and if this is proved."""
+    """Return where a flight in the time `t` turns, as a share of `t`, and whether it does.
+
+    It turns once or not at all if the third value is true; else nothing is proved. Single precision
+    is enough for a guess.
+    """
     A, B = w_0 * t, w_1 * t
     M = fma(3.0, y_1 - y_0, -(A + B))
     least, most = min(M - A, B - M), max(M - A, B - M)
@@ -196,7 +200,11 @@ def _search(eq, start, span, bound, phase_step, c, extremes):
 
 @jit
 def widen_by_flight(eq, flight, free, end_wave, end, phase_step, c, extremes):
-    """Return the extremes that include a flight to its `end`: y and w there, and its length."""
+    """Return the extremes that include a flight of a step with the rule ``exact``.
+
+    `free` and `end_wave` are the end of the step without impacts, and sine and cosine of the phase
+    there. `end` is y and w at the end of the flight, and its length.
+    """
     y_1, w_1, t = end
     bound, rest = part_of(free.bound, t, phase_step), phase_step - flight.begin
     if not may_widen(extremes, bounds(flight.y, flight.w, y_1, w_1, t, bound)):
@@ -218,7 +226,10 @@ def widen_by_flight(eq, flight, free, end_wave, end, phase_step, c, extremes):
 
 @jit
 def widen_by_impact(eq, flight, impact, waves, phase_step, c, extremes):
-    """Return the extremes that include a flight with its ``Impact``, and with ``ONLY`` the next."""
+    """Return the extremes that include a flight with its ``Impact``, and with ``ONLY`` the next.
+
+    `waves` holds sine and cosine of the phase at the start of the step, and at its end.
+    """
     (y, w, at, w_i, proved, free), (wave, end_wave) = impact, waves
     if proved == FREE:
         end = y, w, phase_step - flight.begin
@@ -240,7 +251,11 @@ def widen_by_impact(eq, flight, impact, waves, phase_step, c, extremes):
 def widen_by_events(
     eq, flight, resting, end, rows, theta, bound, phase_step, pt, scratch, extremes
 ):
-    """Return the extremes that include all from a `flight` or rest to `end` of ``exact_step``."""
+    """Return the extremes that include all from a `flight`, or a rest, to `end` of ``exact_step``.
+
+    `rows` are the first of its events and the one after the last. A chatter that is summed has its
+    lowest point in its first flight.
+    """
     (y, w, s, c, at), (events, coefficients, _) = flight, scratch
     for k in range(rows[0], rows[1]):
         kind, then = events[k, KIND], events[k, TIME] * pt.omega
@@ -285,7 +300,11 @@ def _widen_by_cubic(x, v, x_T, v_T, T, stop, extremes):
 
 @jit
 def widen_by_step(start, end, n_events, grid, n, pt, events, extremes):
-    """Return the extremes that include step `n` of a grid with a rule of time stepping."""
+    """Return the extremes that include step `n` of a grid with a rule of time stepping.
+
+    `start` and `end` are states (x, v, resting). The first flight of a chatter that is summed is a
+    parabola, as its sum takes it to be.
+    """
     (x, v, resting), at, launched = start, 0.0, False
     for k in range(n_events):
         kind, then = events[k, KIND], events[k, TIME]

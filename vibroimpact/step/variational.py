@@ -52,7 +52,11 @@ def apply_saltation(eq, tangent, w_i, s):
 
 @inlined
 def tangent_after_impact(eq, tangent, flight, wave):
-    """Carry a tangent vector through a flight and the impact that ends it."""
+    """Carry a tangent vector through a flight and the impact that ends it.
+
+    `flight` is its length, the phase since the start of the step at its end, and w there; `wave` is
+    sine and cosine of the phase at the start of the step.
+    """
     length, at, w_i = flight
     sin, cos = sin_cos(at)
     tangent = fly_tangent(eq, tangent, length)
@@ -61,7 +65,10 @@ def tangent_after_impact(eq, tangent, flight, wave):
 
 @jit
 def carry_tangents(prepared, pair, events, n, begin, theta, phase_step, omega):
-    """Carry two tangent vectors (y, w) through the `n` events of a step, from `begin` in it."""
+    """Carry two tangent vectors (y, w) through a step with `n` events, from the phase `theta`.
+
+    They are those at the time `begin` of the step, as a phase; the events come after it.
+    """
     (eq, propagator), (a, b) = prepared, pair
     if n == 0 and begin == 0.0:
         return propagate_tangent(propagator, a), propagate_tangent(propagator, b)
