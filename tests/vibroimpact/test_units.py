@@ -8,12 +8,7 @@ from tests.helpers.oscillators import random_oscillators, settled_orbit
 from tests.helpers.other_units import in_units
 from tests.vibroimpact.test_far_stop import balls
 from tests.vibroimpact.test_free_motions import weakly_damped
-from vibroimpact import (
-    Oscillator,
-    bifurcation_curve,
-    branch,
-    one_impact_orbits,
-)
+from vibroimpact import Oscillator, bifurcation_curve, branch, one_impact_orbits
 from vibroimpact.kernel.integrate import Length, run_points
 from vibroimpact.natural_units import NaturalUnits
 from vibroimpact.orbits.orbit import PeriodicOrbit, free_amplitude

@@ -54,8 +54,8 @@ from vibroimpact.destination.repetition import (
     size_of,
 )
 from vibroimpact.destination.section_map import (
+    Flow,
     derivative_over,
-    flow_of,
     follow,
     replay,
     section_state,
@@ -65,6 +65,7 @@ from vibroimpact.status import Evidence, Status
 from vibroimpact.step.contact import Scratch
 from vibroimpact.step.propagator import from_dimensionless, steady_response
 from vibroimpact.step.scheme import COS, SIN, Scheme
+from vibroimpact.step.stepper import prepare_exact
 
 #: Where the motion of a point goes. Without a class, m and q are 0 and the other numbers NaN,
 #: except that ``UNREACHED`` has those of the stable orbit near by.
@@ -290,7 +291,8 @@ def find_exact(motion, destination):
     if not free and judge_cycle(motion, destination):
         return
     size = size_of(sections, pt, False)
-    flow = flow_of(pt, grid, memory.scratch, memory.passed)
+    eq, propagators = prepare_exact(grid, pt, memory.scratch)
+    flow = Flow(pt, eq, propagators, grid, memory.scratch, memory.passed)
     if bounded and stays_free(flow, x, v, steady):
         off = max(abs(x - steady[0]) / size[0], abs(v - steady[1]) / size[1])
         put(destination, _FREE, 1, 0, steady[0], steady[1], free_multiplier(pt), off)

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from vibroimpact.jit import inlined, jit, specialised, widest_vectors
+from vibroimpact.jit import inlined, jit, widest_vectors
 from vibroimpact.step.contact import IMPACT, KIND, REST, Scratch, is_held, pressing
 from vibroimpact.step.propagator import (
     Coefficients,
@@ -16,7 +16,7 @@ from vibroimpact.step.propagator import (
     to_dimensionless,
 )
 from vibroimpact.step.scheme import SIN, THETA, PhaseGrid
-from vibroimpact.step.stepper import prepare_exact, take_next_step
+from vibroimpact.step.stepper import take_next_step
 from vibroimpact.step.variational import carry_tangents, propagate_tangent
 
 #: Rows of the memory for the states at the sections of a motion.
@@ -44,13 +44,6 @@ class Passage(NamedTuple):
     columns: tuple[tuple[float, float], tuple[float, float]]
     impacts: int
     smooth: bool  #: Whether the mass did not rest, and no number overflowed.
-
-
-@specialised
-def flow_of(pt, grid, scratch, passed):
-    """Return the ``Flow`` of a point."""
-    eq, propagators = prepare_exact(grid, pt, scratch)
-    return Flow(pt, eq, propagators, grid, scratch, passed)
 
 
 @jit

@@ -1,4 +1,4 @@
-"""The loop of exact steps, tangents carried or not; flights of lanes go to columns, and back.
+"""The loop of exact steps; flights of lanes go to columns, and back; tangent vectors, their growth.
 
 All lanes take a step as if there were no stop; the results go to their second rows. Lanes that may
 have met the stop are listed, and their flights are followed side by side, in columns. A flight for
@@ -35,13 +35,8 @@ from vibroimpact.kernel.exact_impacts import (
     flight_in,
     follow_flights,
 )
-from vibroimpact.kernel.extremes import (
-    widen_by_column,
-    widen_by_lane,
-    widen_by_turns,
-)
+from vibroimpact.kernel.extremes import widen_by_column, widen_by_lane, widen_by_turns
 from vibroimpact.kernel.record import list_impact, record_step
-from vibroimpact.kernel.tangents import CHECKED_EVERY, normalise_lanes, propagate_all_tangents
 from vibroimpact.kernel.workspace import (
     AT_REST,
     CLEARANCE,
@@ -76,6 +71,7 @@ from vibroimpact.kernel.workspace import (
     whole_vectors,
 )
 from vibroimpact.step.contact import SIDE_BY_SIDE
+from vibroimpact.step.elementary import hypot, log
 from vibroimpact.step.exact_step import exact_step
 from vibroimpact.step.impact import FIRST, FREE, NOTHING, ONLY
 from vibroimpact.step.propagator import (
@@ -89,8 +85,10 @@ from vibroimpact.step.propagator import (
 )
 from vibroimpact.step.scheme import COS, SIN, THETA
 from vibroimpact.step.turning_points import widen_by_events
-from vibroimpact.step.variational import carry_tangents
+from vibroimpact.step.variational import carry_tangents, propagate_tangent
 
+#: Steps between two checks of the tangent vectors.
+_CHECKED_EVERY = 4
 #: While watching, the GUARD of a lane that may have met the stop.
 _MEETS = math.inf
 
@@ -274,6 +272,61 @@ def list_awake(workspace, size, grid, n, watching):
 
 
 @jit
+def propagate_all_tangents(lanes, size, n):
+    """Take the tangent vectors of the first lanes over step `n`."""
+    widest_vectors()
+    old_row, new_row = (n & 1) * ROW, (~n & 1) * ROW
+    for i in range(whole_vectors(size)):
+        tangent = tangent_in(lanes, TANGENT + old_row + i, 2 * ROW)
+        tangent = propagate_tangent(propagator_in(lanes, i), tangent)
+        put_tangent(lanes, TANGENT + new_row + i, 2 * ROW, tangent)
+
+
+@jit
+def normalise(tangent, sums):
+    """Give a tangent vector the length 1, and add up its growth."""
+    y, w = tangent
+    length = hypot(y, w)
+    if length == 0.0:  # after a rest
+        sums.growth = -math.inf
+        return tangent
+    sums.growth += log(length)
+    return y / length, w / length
+
+
+@jit
+def judge_tangents(lanes, size, row):
+    """Find tangent vectors that would soon be too short or long: their GUARD is not negative."""
+    widest_vectors()
+    for i in range(whole_vectors(size)):
+        y, w = tangent_in(lanes, row + i, 2 * ROW)
+        square = y * y + w * w
+        lanes[GUARD + i] = select((square > 1e-100) & (square < 1e100), -1.0, 1.0)
+
+
+@jit
+def normalise_lanes(batch, n):
+    """Normalise the tangent vectors that need it, before step `n`."""
+    workspace, _, size = batch
+    lanes, met = workspace.lanes, workspace.met
+    row = TANGENT + (n & 1) * ROW
+    judge_tangents(lanes, size, row)
+    for j in range(list_lanes(lanes, met, size)):
+        a = row + met[j]
+        tangent = normalise(tangent_in(lanes, a, 2 * ROW), workspace.sums[met[j]])
+        put_tangent(lanes, a, 2 * ROW, tangent)
+
+
+@jit
+def sum_up_tangents(workspace, i):
+    """Add up the growth that remains in lane `i`, in dx^2 + (dv / p)^2, and that of an area."""
+    (y, w), pt = tangent_in(workspace.lanes, TANGENT + i, 2 * ROW), workspace.points[i]
+    sums = workspace.sums[i]
+    normalise((y, w * pt.omega / pt.p), sums)
+    sums.area = 2.0 * sums.impacts * log(pt.R) if sums.impacts > 0 else 0.0
+
+
+@jit
 def take_exact_steps(batch, grid, carrying, watching):
     """Take all lanes over the steps of `grid`."""
     workspace, _, size = batch
@@ -288,7 +341,7 @@ def take_exact_steps(batch, grid, carrying, watching):
             propagate_all_tangents(lanes, size, n)
         for lo in range(0, listed, COLUMNS):
             take_flights(batch, lo, min(COLUMNS, listed - lo), grid, n, carrying, watching)
-        due = (n + 1) % CHECKED_EVERY == 0 or n + 1 == grid.size
+        due = (n + 1) % _CHECKED_EVERY == 0 or n + 1 == grid.size
         if carrying is not None and carrying and due:
             normalise_lanes(batch, n + 1)
     if grid.size & 1:

@@ -14,7 +14,12 @@ from functools import cache
 from typing import Any
 
 from vibroimpact.jit import claim, is_set, jit, select, specialised, widest_vectors
-from vibroimpact.kernel.exact_lanes import round_states, set_propagator, take_exact_steps
+from vibroimpact.kernel.exact_lanes import (
+    round_states,
+    set_propagator,
+    sum_up_tangents,
+    take_exact_steps,
+)
 from vibroimpact.kernel.extremes import begin_period, set_steady
 from vibroimpact.kernel.record import (
     add_cycles,
@@ -24,7 +29,6 @@ from vibroimpact.kernel.record import (
     repeat_impacts,
 )
 from vibroimpact.kernel.strides import set_map, take_strides
-from vibroimpact.kernel.tangents import sum_up_tangents
 from vibroimpact.kernel.workspace import (
     AT_REST,
     AWAKE,

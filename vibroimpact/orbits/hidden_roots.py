@@ -259,7 +259,7 @@ def step_may_miss(system, begin, end, length):
         return True
     if system.condition != FOLD:
         return False
-    m, q = system.m, system.q
+    m, q = system.m, system.q  # the halves may change places where their difference falls so far
     if _product_of_halves(X, Y, m, q) < _LEAST_LEFT * _product_of_halves(X, X, m, q):
         return True
     return _may_have_cusps(system, X, tangent, Y, tangent_Y, length)

@@ -288,16 +288,12 @@ def _pass(path: Path, step: ArclengthStep) -> bool:
     if end is not None:
         kind, X, orbit = end
         if roots:  # the stability from the last of them to the end
-            path.points += _middle(family, path.points[-1][0], X)
+            before = path.points[-1][0]
+            middle = family.corrected(0.5 * (before + X), (X - before)[None, :])
+            if middle is not None:
+                path.points.append((middle, family.stable(family.point(middle, X - before))))
         path.add(X, False)
         path.note(kind, orbit)
     else:
         path.points.append((step.end.X, family.stable(step.end)))
     return end is not None
-
-
-def _middle(family: OrbitFamily, X: np.ndarray, Y: np.ndarray) -> Iterator[tuple[np.ndarray, bool]]:
-    """Yield the point between two points of a branch, with its stability, if it is found."""
-    middle = family.corrected(0.5 * (X + Y), (Y - X)[None, :])
-    if middle is not None:
-        yield middle, family.stable(family.point(middle, Y - X))

@@ -26,12 +26,7 @@ from functools import partial
 import numpy as np
 
 from vibroimpact.destination.judge import NO_DESTINATION
-from vibroimpact.kernel.integrate import (
-    Length,
-    find_destinations,
-    integrate,
-    run_points,
-)
+from vibroimpact.kernel.integrate import Length, find_destinations, integrate, run_points
 from vibroimpact.points.regimes import has_result
 from vibroimpact.points.stages import RunSpec, put_last, put_rows, run_with_own_transients
 from vibroimpact.status import Evidence, Status

@@ -24,13 +24,7 @@ import math
 
 from vibroimpact.jit import inlined, jit
 from vibroimpact.status import Status
-from vibroimpact.step.chatter import (
-    bounce,
-    is_first,
-    phase_to_rest,
-    short_bounce,
-    wave_after,
-)
+from vibroimpact.step.chatter import bounce, is_first, phase_to_rest, short_bounce, wave_after
 from vibroimpact.step.contact import (
     IMPACT,
     MAX_FLIGHTS,
