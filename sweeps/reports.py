@@ -94,7 +94,8 @@ def run_summary(path: Path, sweep: Sweep) -> tuple[str, bool]:
         variables, seconds = per_point(path, RESULTS)
     except StoreError as error:
         raise Failed(f"the output is gone: {error}") from error
-    first = f"{path}: {outcomes(variables, sweep.spec.impact)} in {shown_duration(seconds)}"
+    outcome = outcomes(variables, sweep.spec.impact)
+    first = f"{path}: {outcome}; computed in {shown_duration(seconds)}"
     omega, spec = sweep.grid.along("omega"), sweep.spec
     lines = destinations_text(variables, omega, spec.periods, spec.impact)
     return "\n".join([first, *lines]), bool(has_result(variables["status"]).any())

@@ -179,7 +179,7 @@ def test_several_configurations_are_run_and_drawn_one_after_the_other(folder, un
     (folder / "sub").mkdir()
     Path("other.yaml").write_text(CONFIG.replace("name: small", "name: other\noutput: sub/o.h5"))
     printed = accepted("run", "sweep.yaml", "other.yaml", "--set", "oscillator.h=0.3")
-    outcomes = [line.split(" in ")[0] for line in printed.splitlines() if ".h5" in line]
+    outcomes = [line.split("; computed in ")[0] for line in printed.splitlines() if ".h5" in line]
     certified = "10 points, every impact found and certified"
     assert outcomes[:2] == [f"small.h5: {certified}", f"sub/o.h5: {certified}"]
     assert outcomes[2:] == ["next: vibroimpact plot small.h5 sub/o.h5"]
@@ -250,7 +250,8 @@ def test_a_dry_run_of_the_rest_tells_the_time_of_the_points_that_are_left(monkey
 
 
 def test_what_became_of_the_points_is_told(monkeypatch):
-    assert "10 points, every impact found and certified in " in accepted("run", "sweep.yaml")
+    certified = "10 points, every impact found and certified; computed in "
+    assert certified in accepted("run", "sweep.yaml")
     compute = executors.compute_block
 
     def settled(*arguments):
@@ -268,7 +269,7 @@ def test_what_became_of_the_points_is_told(monkeypatch):
     )
     monkeypatch.setattr(executors, "compute_block", compute)
     printed = accepted("run", "sweep.yaml", "--overwrite", "--set", "method={impact: plain}")
-    assert "small.h5: 10 points in " in printed
+    assert "small.h5: 10 points; computed in " in printed
 
 
 def test_a_stop_too_far_away_is_told():
@@ -330,10 +331,12 @@ def test_a_run_without_impacts_says_so():
     """Far from the stop; at the stop under a preload, the mass rests there without an impact."""
     said = "no impact in any record: no motion meets the stop"
     free = accepted("run", "sweep.yaml", "--set", "oscillator.clearance=50")
-    assert said in free and said in accepted("info", "small.h5")
+    assert f"{said}; computed in " in free and said in accepted("info", "small.h5")
     changes = ("oscillator={h: 0, R: 0.8, omega: 1, f: 1, clearance: 1000}", "record.transient=10")
     late = accepted("run", "sweep.yaml", "--overwrite", *[f"--set={each}" for each in changes])
-    assert "; no impact in any record in " in late and said not in late  # it grows, in resonance
+    assert (
+        "; no impact in any record; computed in " in late and said not in late
+    )  # it grows, in resonance
     euler = "{integrator: euler, impact: plain, steps_per_period: 20, allow_unstable: true}"
     changes = ("oscillator.h=0", "oscillator.R=1", f"method={euler}", "record.transient=100000")
     sets = [word for change in changes for word in ("--set", change)]
