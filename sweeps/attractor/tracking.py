@@ -119,9 +119,11 @@ def _continue(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Continue motions, and return where they go, their last states, and how often they rested."""
     chunks = []
+    count, first = divmod(periods - _CLASS_PERIODS, _LYAPUNOV_PERIODS)
+    lengths = [first] * (first > 0) + [_LYAPUNOV_PERIODS] * count  # the longest last
     for state in np.array_split(points, -(-points.size // _POINTS_AT_ONCE)):
         rests, worst = np.zeros(state.size, np.int64), np.full(state.size, Status.COMPUTED, np.int8)
-        for length in _lengths(periods - _CLASS_PERIODS):
+        for length in lengths:
             bare = replace(spec.stage(0, length, 0, spec.impact == "exact"), period=False)
             before = compute_points(bare, state, None)
             rests += _rests_of(before["rest_fraction"], before["chatters"])
@@ -136,12 +138,6 @@ def _continue(
         chunks.append((motions, state, rests))
     motions, state, rests = map(np.concatenate, zip(*chunks, strict=True))
     return motions, state, rests
-
-
-def _lengths(periods: int) -> list[int]:
-    """Divide periods into records of at most ``_LYAPUNOV_PERIODS``, the longest last."""
-    count, first = divmod(periods, _LYAPUNOV_PERIODS)
-    return [first] * (first > 0) + [_LYAPUNOV_PERIODS] * count
 
 
 def _at_point_of(which: np.ndarray, parameter: np.ndarray) -> np.ndarray:

@@ -78,7 +78,7 @@ def lost_text(points: int, impacts: np.ndarray) -> str:
     if points >= MOST_POINTS:
         text = f"not at its end after {MOST_POINTS:,} points"
     moving = impacts[impacts != 0.0]  # without that which grazes all along a curve
-    if moving.size == 0:
+    if moving.size < 2:
         return text
     slowest, fastest = float(moving.min()), float(moving.max())
     return f"{text}; the slowest impact has {slowest / fastest:.0e} of the speed of the fastest"
