@@ -127,9 +127,12 @@ def orbits_of(
     return orbits
 
 
-def attractor_records(attractors: Sequence[AttractorRow]) -> list[dict[str, Any]]:
-    """Return what a table has of each attractor, by the names of its columns."""
-    return [
+def attractor_frame(attractors: Sequence[AttractorRow]) -> pd.DataFrame:
+    """Return the attractors as a table, with impact speeds separated by spaces."""
+    import pandas as pd
+
+    columns = ["attractor", "motion", "m", "q", "fraction", "impact_v"]
+    records = [
         {
             **row.parameters,
             "attractor": row.number,
@@ -137,21 +140,11 @@ def attractor_records(attractors: Sequence[AttractorRow]) -> list[dict[str, Any]
             "m": row.m,
             "q": row.q,
             "fraction": row.fraction,
-            "impact_v": row.speeds.tolist(),
+            "impact_v": " ".join(map(repr, row.speeds.tolist())),
             **row.measures,
         }
         for row in attractors
     ]
-
-
-def attractor_frame(attractors: Sequence[AttractorRow]) -> pd.DataFrame:
-    """Return the attractors as a table for a CSV file, with impact speeds separated by spaces."""
-    import pandas as pd
-
-    columns = ["attractor", "motion", "m", "q", "fraction", "impact_v"]
-    records = attractor_records(attractors)
-    for record in records:
-        record["impact_v"] = " ".join(map(repr, record["impact_v"]))
     return pd.DataFrame(records, columns=None if records else columns)
 
 

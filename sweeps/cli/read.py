@@ -67,7 +67,7 @@ def _show_attractors(
 ) -> None:
     """Show the attractors that are found in a part of a sweep, and write them to a CSV file."""
     from sweeps.attractor import attractor_table as text
-    from sweeps.opened.export import json_text, refuse_points
+    from sweeps.opened.export import json_rows, json_text, refuse_points
 
     cuts = common.selection_of(at)
     with common.opened_in_si(file) as sweep, common.named(file):
@@ -76,12 +76,13 @@ def _show_attractors(
         with progress_shown(work):
             result = find(part)
         common.say_moved(sweep, cuts, "shown")
-        table = text.attractor_rows(part, result)
+        rows = text.attractor_rows(part, result)
+        table = text.attractor_frame(rows)
         if json:
-            common.say(json_text({"attractors": text.attractor_records(table)}))
+            common.say(json_text({"attractors": json_rows(table)}))
         else:
-            common.say(text.attractor_report(part, result, table))
-        common.save_table(csv, text.attractor_frame(table), error=json)
+            common.say(text.attractor_report(part, result, rows))
+        common.save_table(csv, table, error=json)
 
 
 def info_command(
@@ -145,7 +146,7 @@ def _show_bifurcations(
     """Show the bifurcations along an axis, and write them to a CSV file if one is given."""
     from sweeps.bifurcation.bifurcation_report import bifurcation_report
     from sweeps.bifurcation.bifurcation_table import find_bifurcations, public_table
-    from sweeps.opened.export import json_text
+    from sweeps.opened.export import json_rows, json_text
     from sweeps.opened.result_cache import with_cache
 
     notes = list[str]()
@@ -155,9 +156,7 @@ def _show_bifurcations(
     common.say_moved(sweep, cuts, "listed")
     listed = public_table(changes)
     if json:
-        rows = listed.to_dict("records")
-        rows = [row | {"impact_v": [*map(float, row["impact_v"].split())]} for row in rows]
-        common.say(json_text(listed.attrs | {"bifurcations": rows}))
+        common.say(json_text(listed.attrs | {"bifurcations": json_rows(listed)}))
     else:
         common.say(bifurcation_report(sweep, file, changes))
     for note in dict.fromkeys(notes):  # of changes of class and of exact orbits

@@ -237,6 +237,12 @@ def _sizes(variable: xr.DataArray) -> str:
     return ", ".join(f"{name}: {size}" for name, size in variable.sizes.items())
 
 
+def json_rows(rows: pd.DataFrame) -> list[dict[str, Any]]:
+    """Return the rows of a table for JSON, with impact speeds as numbers in place of a text."""
+    records = rows.to_dict("records")
+    return [row | {"impact_v": [*map(float, row["impact_v"].split())]} for row in records]
+
+
 def json_text(value: object) -> str:
     """Write mappings, lists, texts and numbers as strict JSON, with all digits.
 

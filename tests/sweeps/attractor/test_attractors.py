@@ -174,20 +174,6 @@ def test_weak_chaos_is_not_the_orbit_that_it_is_near(computed_starts):
     assert {name: 400 * share for name, share in shares.items()} == pytest.approx(counts)
 
 
-def test_what_never_repeats_is_unknown_and_no_attractor(computed_starts):
-    """Without damping and impacts, the motion keeps two frequencies for ever."""
-    dataset = computed_starts(
-        "oscillator={h: 0.0, R: 0.8, omega: 1.4142135623730951, f: 1.0, clearance: 10.0}",
-        "start={x0: [-1.0, 0.0], v0: [0.0, 0.5]}",
-        "record={transient: 20, periods: 32, diagnostics: [period]}",
-    )
-    found = attractors(dataset)
-    assert found["attractors"].item() == 0
-    lines = call("attractors", dataset.encoding["source"]).stdout.splitlines()
-    assert lines[1].split()[:2] == ["-", "unknown"]
-    assert lines[-1] == "100.0 % of the starts are unknown, which is no attractor"
-
-
 def test_a_motion_that_fails_while_it_is_followed_has_no_attractor():
     """Without damping Euler overflows after 1,500 periods, in the middle of the extension."""
     dataset = swept("""

@@ -13,10 +13,8 @@ import sweeps
 from sweeps.engine import executors
 from sweeps.grid import Cost
 from sweeps.plotting import section
-from sweeps.store.variables import VARIABLES
 from tests.helpers.commands import SMALL, accepted, call, refused
 from tests.helpers.places import ROOT
-from vibroimpact.oscillator import PARAMETERS
 from vibroimpact.status import Evidence, Status
 
 pytestmark = pytest.mark.slow
@@ -62,36 +60,6 @@ def test_the_configuration_of_a_file_runs_again(small_file):
     said = refused("run", "small.h5", "--set", "oscillator.omga.start=2")
     assert "override oscillator.omga.start" in said
     assert "exclude each other" in refused("info", "small.h5", "--config", "--bifurcations")
-
-
-def test_units_are_names_only(small_file):
-    units = ("--set", "units={length: mm, time: s}", "-o", "named.h5")
-    assert "omega = 1.5 .. 3 [rad/s], 5 v" in accepted("run", "sweep.yaml", *units, "--dry-run")
-    accepted("run", "sweep.yaml", *units, "--quiet")
-    plain, labelled = map(sweeps.open_sweep, ("small.h5", "named.h5"))
-    for name in plain.variables:
-        np.testing.assert_array_equal(plain[name].values, labelled[name].values)
-        about = PARAMETERS.get(name) or VARIABLES.get(name)
-        unit = about.unit if about else "1"
-        expected = unit.replace("length", "mm").replace("time", "s")
-        assert labelled[name].attrs["units"] == expected
-        # Other programs read units, and know none called length/time.
-        assert plain[name].attrs.get("units") == (unit if unit in ("1", "rad") else None)
-    assert labelled["f"].attrs["units"] == "mm/s^2"
-    accepted("run", "sweep.yaml", "--set", "units={length: mm}", "-o", "half.h5", "--quiet")
-    with sweeps.open_sweep("half.h5") as half:
-        held = {one.attrs.get("units") for one in half.variables.values()}
-        assert held == {"1", "rad", "mm", None}
-    shown = accepted("info", "named.h5")
-    assert "omega = 1.5 .. 3 [rad/s], 5 values" in shown
-    assert "velocity at the section [mm/s]" in shown
-    assert "units: {length: mm, time: s}" in accepted("info", "named.h5", "--config")
-    assert "units" not in accepted("info", "small.h5", "--config")
-    accepted("plot", "named.h5", "-o", "a.svg")
-    text = Path("a.svg").read_text()
-    assert "mm" in text and "length]" not in text
-    for value in ("{length: 1mm}", "{mass: kg}"):
-        assert "units" in refused("run", "sweep.yaml", "--set", f"units={value}")
 
 
 def test_init_writes_a_scene_to_begin_from():

@@ -236,15 +236,6 @@ def test_the_schema_accepts_what_the_loader_accepts(validator, seed, count):
     assert 0.5 * count < refused < 0.9 * count and marked > 0.5 * refused
 
 
-def test_overrides_replace_and_add_in_order():
-    numbers = "oscillator.h=0.2", "oscillator.omega.num=7", "start.v0=[1, 2]"
-    config = load(EXAMPLE, *numbers, "record.trajectory={every: 2}", "name=renamed")
-    assert config.oscillator.h == 0.2
-    assert config.sweep.grid.shape == (7, 2)
-    assert config.record.trajectory and config.record.trajectory.every == 2
-    assert config.name == "renamed"
-
-
 @pytest.mark.parametrize(
     ("override", "parts"),
     [

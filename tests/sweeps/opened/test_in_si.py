@@ -174,22 +174,6 @@ def test_a_file_of_a_rig_is_described_in_si_units(joint):
     assert "rad/s" not in text and "omega" not in text
 
 
-def test_tables_of_a_rig_are_in_si_units(joint):
-    accepted("export", joint, "-o", "out.csv")
-    head = Path("out.csv").read_text().splitlines()[0]
-    assert head.startswith("frequency,mass,damping,R,force,stiffness,gap,base,x0,v0,")
-    nu, m, c, k, force, impulse, energy, speed, impacts = columns_of(
-        "out.csv", "frequency", "mass", "damping", "stiffness", "force", "impulse",
-        "energy_lost", "fastest_impact", "impacts_per_period",
-    )  # fmt: skip
-    assert nu.tolist() == linear_values(22, 41, 39).tolist()
-    assert [set(one) for one in (m, c, k, force)] == [{MASS}, {DAMPING}, {STIFFNESS}, {FORCE}]
-    hits = impacts == 1.0
-    assert impulse[hits] == pytest.approx(MASS * (1.0 + R) * speed[hits], rel=1e-9)
-    lost = 0.5 * MASS * (1.0 - R**2) * speed[hits] ** 2
-    assert energy[hits] == pytest.approx(lost, rel=1e-9)
-
-
 def test_bifurcations_of_a_rig_are_in_hertz(joint, unpainted):
     text = accepted("info", joint, "--bifurcations", "--csv", "found.csv")
     listed = [line for line in text.splitlines() if " graze  1/1 " in line]
