@@ -117,10 +117,14 @@ class Grid:
         return np.asarray(self.fixed[name])
 
     def spread(self, count: int) -> np.ndarray:
-        """Return about `count` points spread evenly over the grid, the same at every call."""
+        """Return about `count` points spread evenly over the grid, the same at every call.
+
+        In C order, one is taken of each of `count` equal parts; the golden ratio says which. A grid
+        of at most `count` points is returned completely.
+        """
         if self.size <= count:
             return self.points()
-        k = np.arange(count)  # of `count` equal parts; the golden ratio says which point of each
+        k = np.arange(count)
         numbers = (k + 0.6180339887498949 * k % 1.0) * (self.size / count)
         return self.numbered(np.unique(numbers.astype(np.int64)))
 

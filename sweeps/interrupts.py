@@ -44,7 +44,10 @@ this_thread = _ThisThread()
 
 
 class Cancelled(BaseException):
-    """Work was cancelled; no ordinary error, so that no library handles it as one."""
+    """The work was cancelled by a signal, or because its result is no longer needed.
+
+    It derives from ``BaseException``, so that libraries do not handle it as an ordinary error.
+    """
 
 
 def signal_came() -> bool:
@@ -65,11 +68,14 @@ def without_waiting(path: str, flags: int) -> int:
 
 
 def listen(came: Sequence[int] = ()) -> None:
-    """Make the signals set the flag, except those ignored, as by ``nohup``; some `came` before."""
+    """Make the signals set the flag, except those that are ignored, for example by ``nohup``.
+
+    Signals in `came` were received before; the list is read after the handlers are changed.
+    """
     for number in SIGNALS:
         if signal.getsignal(number) is not signal.SIG_IGN:
             signal.signal(number, _set)
-    if came:  # read after the handlers are changed
+    if came:
         _set()
 
 
@@ -124,7 +130,10 @@ def raised_at_once() -> Iterator[None]:
 
 @contextmanager
 def raised_by_check() -> Iterator[None]:
-    """Let Ctrl-C end the block with KeyboardInterrupt, unless the program has its own handler."""
+    """Make Ctrl-C set the flag in the block; KeyboardInterrupt is raised when the block stops.
+
+    A program that has installed a handler of its own keeps it.
+    """
     global _came
     if (
         threading.current_thread() is not threading.main_thread()

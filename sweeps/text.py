@@ -60,7 +60,10 @@ def printable(text: str) -> str:
 
 
 def table(rows: Sequence[Sequence[str]], words: int | None = None) -> str:
-    """Align the columns of rows, the first `words` or all to the left, the others to the right."""
+    """Align the columns of rows of equal length, separated by two spaces.
+
+    The first `words` columns are aligned left and the others right. By default all are left.
+    """
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     of_words = len(widths) if words is None else words
     aligned = [str.ljust] * of_words + [str.rjust] * (len(widths) - of_words)
@@ -154,7 +157,10 @@ PATIENCE = 2.0
 
 @contextmanager
 def progress_shown(work: str, quiet: bool = False) -> Iterator[Callable[[float], None]]:
-    """Say on stderr what takes long and is compiled; yield what takes the share that is done."""
+    """Say on stderr what work takes long and what is compiled, and on a terminal how far it is.
+
+    Call the result with the share that is done.
+    """
     from rich.console import Console
     from rich.text import Text
 

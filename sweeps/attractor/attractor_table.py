@@ -117,7 +117,10 @@ def attractor_rows(sweep: OpenedSweep, result: xr.Dataset) -> list[AttractorRow]
 def orbits_of(
     spec: RunSpec, points: np.ndarray, m: np.ndarray, q: np.ndarray
 ) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Return the increasing impact speeds and the section states of motions; of m = 0 neither."""
+    """Return speeds before the impacts, increasing, and section states of periodic motions.
+
+    They start from the states of `points` at the section. Motions of m = 0 have neither.
+    """
     orbits = [(np.empty(0), np.empty((0, 2)))] * len(points)
     for periods, impacts in np.unique(np.stack([m, q], axis=1)[m > 0], axis=0).tolist():
         at = np.flatnonzero((m == periods) & (q == impacts))

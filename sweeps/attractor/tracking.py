@@ -117,7 +117,11 @@ def _last_states(points: np.ndarray, sweep: OpenedSweep) -> np.ndarray:
 def _continue(
     spec: RunSpec, points: np.ndarray, periods: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Continue motions, and return where they go, their last states, and how often they rested."""
+    """Continue motions, and return where they go, their last states, and how often they rested.
+
+    A motion that failed in any part has failed: its last state is a start, from which the next part
+    begins anew.
+    """
     chunks = []
     count, first = divmod(periods - _CLASS_PERIODS, _LYAPUNOV_PERIODS)
     lengths = [first] * (first > 0) + [_LYAPUNOV_PERIODS] * count  # the longest last
@@ -127,7 +131,7 @@ def _continue(
             bare = replace(spec.stage(0, length, 0, spec.impact == "exact"), period=False)
             before = compute_points(bare, state, None)
             rests += _rests_of(before["rest_fraction"], before["chatters"])
-            worst = worst_of(worst, before["status"])  # after a failure the next part begins anew
+            worst = worst_of(worst, before["status"])
             put_last(state, before, spec.phase)
         record = compute_points(spec.stage(0, _CLASS_PERIODS, 0, False), state, None)
         rests += _rests_of(record["rest_fraction"], record["chatters"])
@@ -176,7 +180,7 @@ Links = Callable[[np.ndarray, np.ndarray], np.ndarray]
 
 
 def joined_by(count: int, a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Return for each of `count` things the number of its group; pairs `a`, `b` join groups."""
+    """Return the number of the group of each of `count` things; each ``a[i], b[i]`` are in one."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 

@@ -12,7 +12,7 @@ import statistics
 import time
 from collections.abc import Callable, Mapping
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import numba
 import numpy as np
@@ -30,17 +30,26 @@ PER_STEP = 8
 _SUMS, _CHAIN, _TIMES = 64, 8, 40_000
 
 
+class OmegaRange(NamedTuple):
+    """An oscillator with f = 1 over a range of omega."""
+
+    h: float
+    R: float
+    low: float
+    high: float
+    fewer: int = 1  # of so many points one is taken, where a period takes longer
+
+
 #: Ranges of omega whose motions differ: where impacts are many or rests are long, other parts of
-#: the kernel take the time. In chaos every period is computed. Each has h, R, both ends, and of how
-#: many points one is taken, as a period takes longer.
-RANGES: Mapping[str, tuple[float, float, float, float, int]] = {
-    "quickstart": (0.05, 0.8, 2.4, 3.5, 1),
-    "chaos": (0.02, 0.9, 2.75, 2.95, 1),
-    "one impact": (0.1, 0.8, 0.8, 4.0, 1),
-    "rattling": (0.02, 0.9, 0.2, 0.4, 8),
-    "chatter": (0.05, 0.8, 0.2, 0.4, 8),
-    "rests": (0.3, 0.5, 0.3, 4.0, 2),
-    "fast forcing": (0.05, 0.8, 6.0, 12.0, 1),
+#: the kernel take the time. In chaos every period is computed.
+RANGES: Mapping[str, OmegaRange] = {
+    "quickstart": OmegaRange(0.05, 0.8, 2.4, 3.5),
+    "chaos": OmegaRange(0.02, 0.9, 2.75, 2.95),
+    "one impact": OmegaRange(0.1, 0.8, 0.8, 4.0),
+    "rattling": OmegaRange(0.02, 0.9, 0.2, 0.4, 8),
+    "chatter": OmegaRange(0.05, 0.8, 0.2, 0.4, 8),
+    "rests": OmegaRange(0.3, 0.5, 0.3, 4.0, 2),
+    "fast forcing": OmegaRange(0.05, 0.8, 6.0, 12.0),
 }
 
 #: What is timed, by name: the scene, and the arguments of `integrate`.
@@ -54,11 +63,10 @@ WORKS: Mapping[str, tuple[str, Mapping[str, Any]]] = {
 _ROUNDS = 10
 
 
-def points_over(scene: tuple[float, float, float, float, int], count: int) -> np.ndarray:
-    """Return the points of a scene out of ``RANGES``; the cheapest scenes have `count`."""
-    h, R, low, high, fewer = scene
-    points = Oscillator(h, R, 1.0, 1.0).at().repeat(max(1, count // fewer))
-    points["omega"] = np.linspace(low, high, points.size)
+def points_over(scene: OmegaRange, count: int) -> np.ndarray:
+    """Return the points of a scene; the cheapest scenes have `count`."""
+    points = Oscillator(scene.h, scene.R, 1.0, 1.0).at().repeat(max(1, count // scene.fewer))
+    points["omega"] = np.linspace(scene.low, scene.high, points.size)
     return points
 
 

@@ -172,7 +172,10 @@ def _cascades(changes: pd.DataFrame) -> Iterator[str]:
 
 
 def cascades(changes: Sequence[tuple[float, Label, Label]]) -> Iterator[list[float]]:
-    """Yield the values of at least three flips in a row, each of the orbit of the previous flip."""
+    """Yield the values of at least three flips in a row, each of the orbit of the previous flip.
+
+    `changes` are values of the axis, in its order, with the classes before and after.
+    """
     for step in (1, -1):
         run, child = list[float](), None
         for value, *classes in changes[::step]:

@@ -203,14 +203,17 @@ def steps_between(changes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def middles_of_regions(classes: np.ndarray) -> Iterator[tuple[np.ndarray, int]]:
-    """Yield the middle of every large region of a class where it is widest, for each axis."""
+    """Yield the middle of every large region of a class where it is widest, for each axis.
+
+    If all regions of a class are small but cover much of the map together, the largest counts.
+    """
     from scipy.ndimage import label
 
     flat = classes.reshape(-1, 2)
     names, counts = np.unique(flat[flat[:, 0] > 0], axis=0, return_counts=True)
     for name in names[counts >= LARGE * len(flat)]:
         regions, _ = label((classes == name).all(axis=2))
-        sizes = np.bincount(regions.ravel())[1:]  # the largest counts if all are small
+        sizes = np.bincount(regions.ravel())[1:]
         for number in np.flatnonzero(sizes >= min(LARGE * len(flat), sizes.max())) + 1:
             inside = regions == number
             for axis in (0, 1):

@@ -195,11 +195,14 @@ def _refuse_large(config: SweepConfig, axes: Mapping[str, Axis], steps: int) -> 
 
 
 def _refuse_repeated(config: SweepConfig, axes: Mapping[str, Axis]) -> None:
-    """Refuse an axis of more values than there are floating-point numbers between its ends."""
+    """Refuse an axis of more values than there are floating-point numbers between its ends.
+
+    At most 1e7 values repeat only in a range that is narrow, or next to 0.
+    """
     for name, axis in axes.items():
         size = max(abs(axis.low), abs(axis.high))
         least = axis.low if axis.spacing == "log" else size
-        may = axis.high - axis.low < 1e-6 * size or least < 1e-300  # with at most 1e7 values
+        may = axis.high - axis.low < 1e-6 * size or least < 1e-300
         if axis.size > 1 and may and not np.diff(axis.values()).all():
             problem = f"two of {axis.size:,} values are the same floating-point number"
             raise ConflictError(_key_of(config, name), problem, "fewer values, or a wider range")

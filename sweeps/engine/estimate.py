@@ -138,7 +138,11 @@ def check_memory(results: int, what: str) -> int:
 def available_memory(
     process: Path = Path("/proc/self/cgroup"), groups: Path = Path("/sys/fs/cgroup")
 ) -> int:
-    """Return the available memory in bytes: the least of the machine and of all control groups."""
+    """Return the available memory in bytes: the least of the machine and of all control groups.
+
+    They are those of this process, and those above them. In a container its own group is the root,
+    although `process` may name the path outside.
+    """
     import psutil
 
     free = [int(psutil.virtual_memory().available)]
@@ -148,7 +152,6 @@ def available_memory(
             continue
         root, (limit, usage, copies) = (groups / "memory", _V1) if controllers else (groups, _V2)
         inside = PurePosixPath(group.lstrip("/"))
-        # A container is the root, although `process` may name its path outside.
         for folder in (root / path for path in (inside, *inside.parents)):
             limits, usages = _lines(folder / limit), _lines(folder / usage)
             if limits and usages and limits[0].isdigit():  # "max" is no limit
@@ -167,12 +170,15 @@ def _lines(path: Path) -> list[str]:
 
 
 def trial(sweep: Sweep, threads: int | None) -> tuple[float, float]:
-    """Return the expected seconds of a sweep, and its samples at impacts in a recorded period."""
+    """Return the expected seconds of a sweep, and its samples at impacts in a recorded period.
+
+    Both come from trials of few points with growing periods. The time is the processor time on each
+    thread, which other processes do not lengthen.
+    """
     threads = threads or ALL_THREADS
     calls, size = _trial_points(sweep, threads)
     compute(_shorter_spec(sweep, 1), calls[0][:1], threads)  # compiles, if necessary
-    # So many threads are in the kernel, see `run_on_threads`; this thread does the rest. Other
-    # processes do not lengthen the processor time of each.
+    # So many threads are in the kernel, see `run_on_threads`; this thread does the rest.
     parallel = min(threads, -(-calls[0].size // lanes_per_thread(calls[0].size, threads)))
     total_periods = sweep.most_periods
     periods, before, at_impacts = 1, (0, 0.0), 0.0
@@ -216,7 +222,10 @@ def _trial_points(sweep: Sweep, threads: int) -> tuple[list[np.ndarray], int]:
 
 
 def _shorter_spec(sweep: Sweep, total: int) -> RunSpec:
-    """Return what a sweep computes, over `total` periods with the same share of them recorded."""
+    """Return what a sweep computes, over `total` periods with the same share of them recorded.
+
+    A followed sweep finds its classes once, at the end, and so they are left out.
+    """
     spec, is_auto = sweep.spec, sweep.spec.longest is not None
     periods = max(1, total * spec.periods // sweep.most_periods)
     return replace(
@@ -225,5 +234,5 @@ def _shorter_spec(sweep: Sweep, total: int) -> RunSpec:
         longest=max(1, total - periods) if is_auto else None,
         periods=periods,
         impacts=min(spec.impacts, 8 * periods),
-        period=spec.period and spec.followed is None,  # otherwise once, at the end
+        period=spec.period and spec.followed is None,
     )

@@ -98,7 +98,10 @@ def _compared(
 def _chunks_of(
     first: xr.Dataset, second: xr.Dataset, name: str
 ) -> tuple[Mapping[Hashable, int], int, Iterable[tuple[np.ndarray, np.ndarray, int]]]:
-    """Return the sizes of a variable, its values per point, and flat chunks with a first point."""
+    """Return the sizes of a variable, its values per point, and chunks of it in both sweeps.
+
+    Each chunk has flat values of both and the number of its first point.
+    """
     if name in first.coords:
         bare = (data[name].drop_vars(data[name].coords) for data in (first, second))
         pair = xr.broadcast(*bare)  # a number in one may be a column in the other

@@ -91,7 +91,10 @@ Outer = Callable[Concatenate[AnySweep, P], Out]
 
 
 def takes_sweep(allowed: Mapping[str, Allowed]) -> Callable[[Inner[P, Out]], Outer[P, Out]]:
-    """Decorate a function of a sweep: open the file of a path, and refuse unfit arguments."""
+    """Decorate a function of a sweep: open the file of a path, and refuse unfit arguments.
+
+    What the arguments may be is in ``ARGUMENTS``, or in `allowed` for those of this function.
+    """
 
     def decorated(function: Inner[P, Out]) -> Outer[P, Out]:
         signature = inspect.signature(function)

@@ -65,7 +65,11 @@ def motions_from(
 def run_on(
     spec: RunSpec, points: np.ndarray, periods: int, impacts: int = 0
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Continue motions; return next states, (n, periods, 2), and last impacts, (n, impacts, 2)."""
+    """Continue motions from their states at the section, with the method of a sweep.
+
+    Returns the states at the next sections, shape (n, periods, 2), and the phases and speeds of the
+    last impacts, shape (n, impacts, 2).
+    """
     spec = replace(spec.stage(0, periods, impacts, False), period=False)
     points = points.copy()
     points["phase"] = spec.phase
@@ -145,11 +149,14 @@ def cycles_of(spec: RunSpec, motions: np.ndarray) -> Cycles:
 
 
 def orbit_at(motion: np.void, phase: float) -> PeriodicOrbit:
-    """Return the orbit near a periodic motion, with this section; OrbitError if none is found."""
+    """Return the orbit near a periodic motion, whose section is at `phase`.
+
+    A state beyond the stop, which some impact rules allow, is moved to the stop. Raises OrbitError
+    if no orbit is found.
+    """
     oscillator = oscillator_of(motion["point"])
     x, v = motion["point"]["x0"].item(), motion["point"]["v0"].item()
-    x = min(x, oscillator.clearance)  # some impact rules leave it beyond the stop
-    return periodic_orbit(oscillator, x, v, int(motion["m"]), phase)
+    return periodic_orbit(oscillator, min(x, oscillator.clearance), v, int(motion["m"]), phase)
 
 
 def orbit_of_motion(motion: np.void, phase: float) -> PeriodicOrbit:

@@ -84,7 +84,10 @@ class Content(Enum):
 
 
 def content(path: Path) -> Content | None:
-    """Return the kind of a regular file, None without one, without HDF5, which may crash."""
+    """Return the kind of the file at a path, None without one; refuse all but regular files.
+
+    This does not use HDF5, which a damaged file can crash.
+    """
     try:
         with open_regular(path) as file:
             head = file.read(_SEARCH_SIZE)
@@ -173,7 +176,11 @@ def check_output(path: str | Path, *, overwrite: bool = False, resume: bool = Fa
 
 
 def check_parts(path: Path, overwrite: bool) -> None:
-    """Refuse what has the name of the folder of its blocks, if no blocks can be written there."""
+    """Refuse what has the name of the folder of its blocks, if no blocks can be written there.
+
+    Blocks without their schema are an incomplete copy, and are only overwritten. A killed removal
+    leaves a draft of the schema beside them, as it first renames the schema and removes it last.
+    """
     parts = parts_path(path)
     try:
         status = os.lstat(parts)
@@ -203,7 +210,6 @@ def check_parts(path: Path, overwrite: bool) -> None:
         raise StoreError(
             f"{folders[0]} is a directory in the place of a block; move it, or give another output"
         )
-    # A killed removal leaves a draft: it first renames the schema, and removes it last.
     schemas = [file for file in files if SCHEMA in file.name]
     schema = any(re.fullmatch(rf"{SCHEMA}|{DRAFT}", file.name) for file in schemas)
     if blocks and not schema and not overwrite:

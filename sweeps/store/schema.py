@@ -288,13 +288,16 @@ def _storage(schema: Schema, name: str, compressed: bool) -> dict[str, Any]:
 
 
 def differing_keys(old: str, new: str) -> dict[str, tuple[object, object]]:
-    """Return the dotted keys in which two configurations differ, with both values."""
+    """Return the dotted keys in which two configurations differ, with both values.
+
+    Neither the name nor the compression of the complete file makes another sweep.
+    """
     if old == new:
         return {}
     was, now = (_flat(yaml_mapping(text, "the configuration of a sweep")) for text in (old, new))
     return {
         key: (was.get(key, "not given"), now.get(key, "not given"))
-        for key in sorted({*was, *now} - {"name", "compression"})  # of the same sweep
+        for key in sorted({*was, *now} - {"name", "compression"})
         if was.get(key) != now.get(key)
     }
 

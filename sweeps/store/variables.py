@@ -108,8 +108,11 @@ def unit_in(attributes: Mapping[str, Any], unit: str) -> str:
 
 
 def description_in(attributes: Mapping[str, Any], meaning: str, unit: str) -> dict[str, str]:
-    """Return the attributes of numbers in a file, or of what is computed from it."""
-    unit_text = unit_in(attributes, unit)  # other programs refuse length/time
+    """Return the attributes of numbers in a file, or of what is computed from it.
+
+    A unit with a length or a time without a name is left out, as other programs would refuse it.
+    """
+    unit_text = unit_in(attributes, unit)
     return {"long_name": meaning} | ({} if UNNAMED.search(unit_text) else {"units": unit_text})
 
 
