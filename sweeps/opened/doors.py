@@ -142,14 +142,16 @@ def _opened(dataset: object) -> OpenedSweep:
         raise Refused(f"the Dataset has no status; expected: {_EXPECTED}")
     for problem in chain(_axis_problems(dataset), _result_problems(dataset)):
         raise Refused(f"the Dataset {problem}; expected: {_EXPECTED}")
-    floats = (each for each in dataset.variables.items() if each[1].dtype.kind == "f")
-    dataset = dataset.assign({name: v.astype(float) for name, v in floats if v.dtype != float})
     if DIRECTION in dataset.dims and dataset[DIRECTION][0] == "down":  # sorted by name
         dataset = dataset.isel({DIRECTION: slice(None, None, -1)})
+    variables = dataset.variables
+    types: dict[Any, Any] = {name: float for name, v in variables.items() if v.dtype.kind == "f"}
+    types |= dict.fromkeys(RECORDS.keys() & {*dataset.coords}, int)
+    others = (name for name in types if variables[name].dtype != types[name])
+    typed = {name: variables[name].astype(types[name]) for name in others}
     integers = {name: each.astype(VARIABLES[name].dtype) for name, each in _integers(dataset)}
-    records = {n: dataset.variables[n].astype(int) for n in RECORDS.keys() & {*dataset.coords}}
     grid = sorted(dataset["status"].dims, key=lambda name: name != DIRECTION)  # as in a file
-    ordered = dataset.assign(integers).assign(records).transpose(*grid, ...)
+    ordered = dataset.assign(typed | integers).transpose(*grid, ...)
     for called, variable in ordered.variables.items():  # pandas keeps no attributes
         variable.attrs = attributes_of(str(called), ordered.attrs) | variable.attrs
     return OpenedSweep(ordered)
@@ -160,7 +162,8 @@ def _integers(dataset: xr.Dataset) -> Iterator[tuple[str, xr.DataArray]]:
     for name, variable in VARIABLES.items():
         if name in dataset and variable.dtype[0] == "i":
             if name in FLAGS or dataset.variables[name].dtype != variable.dtype:
-                yield name, dataset[name].fillna(variable.fill_value)
+                each = dataset[name]
+                yield name, each.fillna(variable.fill_value) if each.dtype.kind == "f" else each
 
 
 def _axis_problems(dataset: xr.Dataset) -> Iterator[str]:
@@ -198,8 +201,9 @@ def _result_problems(dataset: xr.Dataset) -> Iterator[str]:
         if name in dataset and dataset.variables[name].dtype.kind not in "fiu":
             yield f"has no numbers in {name}"
     for name, numbers in _integers(dataset):
-        fits = numbers.isin([*FLAGS[name]]) if name in FLAGS else numbers % 1.0 == 0.0
-        if not (fits & (abs(numbers) < 2.0**53)).all():
+        values = numbers.values
+        fits = np.isin(values, [*FLAGS[name]]) if name in FLAGS else values % 1.0 == 0.0
+        if not (fits & (abs(values) < 2.0**53)).all():
             yield f"has numbers in {name} that are no integers of a sweep"
 
 

@@ -18,6 +18,7 @@ CONFIG = load_config({
     "method": {"integrator": "exact", "impact": "exact", "steps_per_period": 16},
     "record": {"transient": 10, "periods": 50, "phase": 0.0},
 })  # fmt: skip
+TEXT = CONFIG.to_yaml()
 #: Values of a point of period 1 with one impact.
 PLAIN = {"status": Status.CERTIFIED, "period": 1, "period_impacts": 1}
 PLAIN |= {"orbit_x": 0.0, "orbit_v": 0.0, "orbit_distance": 0.0}
@@ -30,8 +31,7 @@ def equal_points(omit=(), axes=None, **changed):
     """Return equal points over (R, omega) with changes {name: {(row, column): value}}."""
     axes = {"R": R, "omega": OMEGA} if axes is None else axes
     shape = tuple(len(values) for values in axes.values())
-    coords = {**CONFIG.sweep.grid.fixed, **axes}
-    data = xr.Dataset(coords=coords, attrs={"configuration": CONFIG.to_yaml()})
+    data = {}
     for name, value in PLAIN.items():
         if name not in omit:
             values = np.full(shape, value, np.dtype(VARIABLES[name].dtype))
@@ -39,12 +39,14 @@ def equal_points(omit=(), axes=None, **changed):
                 values[at] = other
             data[name] = (tuple(axes), values)
     if "lyapunov" in data:
-        data["lyapunov"] = data["lyapunov"].expand_dims(exponent=2, axis=-1).copy()
+        data["lyapunov"] = (*axes, "exponent"), np.stack(2 * [data["lyapunov"][1]], axis=-1)
     data["poincare_x"] = ((*axes, "section"), np.zeros((*shape, PERIODS)))
-    for name in [*axes, *data.data_vars]:
+    points = xr.Dataset(data, {**CONFIG.sweep.grid.fixed, **axes}, {"configuration": TEXT})
+    for name in [*axes, *data]:
         about = PARAMETERS.get(name) or VARIABLES[name]
-        data[name].attrs = {"long_name": about.meaning, "units": about.unit, "symbol": about.symbol}
-    return data
+        attrs = {"long_name": about.meaning, "units": about.unit, "symbol": about.symbol}
+        points.variables[name].attrs = attrs
+    return points
 
 
 def colours(figure):

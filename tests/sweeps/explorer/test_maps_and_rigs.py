@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from bokeh.document import Document
 
 from sweeps import ConfigError, load_config, open_sweep, run_sweep
 from sweeps.attractor.attractor_table import attractor_rows
@@ -12,6 +13,7 @@ from sweeps.attractor.attractors import attractors
 from sweeps.explorer.figures import without_tex
 from sweeps.explorer.live_maps import Filling
 from sweeps.explorer.live_motion import motion_at
+from sweeps.explorer.live_page import LivePage
 from sweeps.explorer.view import BASINS_TAB, MAP_TAB, View, write_yaml
 from sweeps.opened.opened_sweep import OpenedSweep
 from sweeps.plotting import style
@@ -92,10 +94,13 @@ def test_more_basins_than_colours_share_one():
     assert np.bincount(tiles.pixels.ravel()).tolist() == [0, 1, 1, 1, 1, 1, 1, 294]
 
 
-@pytest.fixture
-def rig(page_of):
-    """The page of a rig on a shaker, swept from 15 to 32 Hz."""
-    return page_of(View.of(load_config(CONFIGS / "shaker.yaml")))
+@pytest.fixture(scope="module")
+def rig(tmp_path_factory):
+    """The page of a rig on a shaker, swept from 15 to 32 Hz; one test changes its view."""
+    view = View.of(load_config(CONFIGS / "shaker.yaml"))
+    page = LivePage(Document(), view, tmp_path_factory.mktemp("rig"))
+    yield page
+    page.worker.shutdown()
 
 
 @pytest.mark.slow
@@ -119,7 +124,7 @@ def test_a_rig_has_its_names_and_si_units(rig):
 
 @pytest.mark.slow
 def test_a_picture_of_a_rig_is_drawn_in_si_units_from_the_numbers_of_its_run(rig, tmp_path):
-    view = replace(rig.view, record={**rig.view.record, "transient": 20, "periods": 10})
+    view = replace(rig.home, record={**rig.home.record, "transient": 20, "periods": 10})
     config = view.diagram(18)
     rig.diagram._paint(rig.diagram._draw(view, config, 20), 0.0)
     data = rig.diagram.source.data
@@ -143,7 +148,7 @@ def test_exact_branches_of_a_rig_are_at_their_frequencies(rig):
     p2, h, a, gap = 8000.0 / 0.5, 4.0 / (2 * 0.5), 5e-5, 3e-4
     # a^2 w^4 = gap^2 ((p^2 - w^2)^2 + 4 h^2 w^2), a quadratic in w^2
     squares = np.roots([gap**2 - a**2, gap**2 * (4 * h**2 - 2 * p2), gap**2 * p2**2])
-    parts = rig.branches._find(rig.view, rig.view.diagram(40))
+    parts = rig.branches._find(rig.home, rig.home.diagram(40))
     for graze in np.sqrt(squares) / (2 * np.pi):
         assert min(abs(np.array(parts["graze"]["x"]) - graze)) < 1e-6 * graze
     assert max(x.max() for x in parts[style.STABLE]["x"]) == pytest.approx(32.0)
@@ -173,6 +178,6 @@ def test_the_radius_of_a_disc_has_the_unit_of_the_starts():
 
 @pytest.mark.slow
 def test_the_text_on_a_motion_of_a_rig_has_units(rig):
-    rig.motion._paint(rig.view, motion_at(rig.view), 0.0)
+    rig.motion._paint(rig.home, motion_at(rig.home), 0.0)
     assert "ν = 15 Hz: settled on 1/0; " in rig.motion.text.text
     assert rig.motion.text.text.endswith("stop, x = σ = 0.3 mm")

@@ -27,14 +27,23 @@ from vibroimpact.status import Status
 SCENES = [path for path in sorted(CONFIGS.glob("*.yaml")) if path.stem != "tolerances"]  # a table
 
 
-def test_a_picture_that_comes_late_leaves_the_ordinate_of_a_newer_view(view):
+def shown(view):
+    """Return the figure of the diagram with a view, without a page."""
     diagram = Diagram(lambda *_: None)
     diagram.show(view)
+    return diagram
+
+
+def test_a_picture_that_comes_late_leaves_the_ordinate_of_a_newer_view(view):
+    """And the picture of a zoom does not fit all points."""
+    diagram, zoomed = shown(view), replace(view, ylim=(-0.2, -0.1))
     late = diagram._draw(view, view.diagram(20), 30)
-    diagram.show(replace(view, ylim=(-0.2, -0.1)))
-    diagram._paint(late, 0.0)
-    y = diagram.figure.y_range
-    assert (y.start, y.end) == (-0.2, -0.1)
+    diagram.show(zoomed)
+    for seen, picture in ((view, late), (zoomed, diagram._draw(zoomed, zoomed.diagram(9), 20))):
+        diagram._paint(picture, 0.0)
+        y = diagram.figure.y_range
+        assert (y.start, y.end) == (-0.2, -0.1)
+        assert (diagram.source.data["fit"][0] == picture.window) == (seen is view)
 
 
 def test_the_diagram_records_on_and_throws_nothing_away(view):
@@ -42,8 +51,8 @@ def test_the_diagram_records_on_and_throws_nothing_away(view):
     diagram = Diagram(lambda *_: None)
     diagram.size = (40, 30)
     drawn = [step.compute() for step in diagram.steps(view)]
-    assert [len(shown.values) for shown in drawn] == [16, 40, 40, 40, 40]
-    assert [shown.config.record.periods for shown in drawn] == [3, 3, 12, 48, 192]
+    assert [len(each.values) for each in drawn] == [16, 40, 40, 40, 40]
+    assert [each.config.record.periods for each in drawn] == [3, 3, 12, 48, 192]
     first, last = (drawn[i].results["poincare_x"] for i in (1, -1))
     np.testing.assert_array_equal(last[:, :3], first)
     (step,) = diagram.steps(replace(view, ylim=(-0.4, -0.3)))
@@ -177,14 +186,6 @@ def test_a_change_of_size_labels_the_axes_and_keeps_the_messages(view, page_of):
     assert page.controls.error.text == "no"
 
 
-def test_a_late_picture_of_a_zoom_does_not_fit_all_points(view, page_of):
-    page = page_of(view)
-    for seen in (view, replace(view, ylim=(-1.0, 0.0))):
-        picture = page.diagram._draw(seen, seen.diagram(9), 20)
-        page.diagram._paint(picture, 0.0)
-        assert (page.diagram.source.data["fit"][0] == picture.window) == (seen is view)
-
-
 def test_every_column_that_is_sent_is_drawn(view, page_of):
     page, drawn = page_of(view), defaultdict(set)
     for marks in page.document.select({"type": GlyphRenderer}):
@@ -276,40 +277,40 @@ def test_the_colours_are_those_of_the_files_pictures():
 
 
 @pytest.mark.slow
-def test_failed_points_are_marked_and_named(page_of):
+def test_failed_points_are_marked_and_named():
     config = load(
         "oscillator: {h: 0.0, R: 0.8, omega: [0.5, 3.0], f: 1.0}\n"
         "method: {integrator: rk4, impact: plain, steps_per_period: 4, allow_unstable: true}\n"
         "record: {transient: 2000, periods: 10}\n"
     )
-    page = page_of(View.of(config))
-    diagram, columns = page.diagram, 60
-    shown = diagram._draw(page.view, page.view.diagram(columns), 40)
-    failed = shown.results["status"] == Status.NON_FINITE
+    view, columns = View.of(config), 60
+    diagram = shown(view)
+    picture = diagram._draw(view, view.diagram(columns), 40)
+    failed = picture.results["status"] == Status.NON_FINITE
     assert 0 < failed.sum() < columns
-    diagram._paint(shown, 1.0)
+    diagram._paint(picture, 1.0)
     source, item = diagram._strips[Status.NON_FINITE]
-    np.testing.assert_array_equal(source.data["x"], shown.values[failed])
+    np.testing.assert_array_equal(source.data["x"], picture.values[failed])
     assert item.visible
     assert diagram.legend.visible
     label = f"{Status.NON_FINITE.meaning} ({failed.sum()} of {columns})"
     assert item.label["value"] == label  # a text alone would name a column
-    assert not shown.pixels[:, 1:][:, failed[1:] & failed[:-1]].any()
+    assert not picture.pixels[:, 1:][:, failed[1:] & failed[:-1]].any()
 
 
 @pytest.mark.slow
-def test_points_that_show_part_of_a_repetition_are_marked(page_of):
+def test_points_that_show_part_of_a_repetition_are_marked():
     """At omega = 0.2 a period has 122 impacts, of which 64 are kept; at 2.3 it has one."""
     oscillator = {"h": 0.05, "R": 0.9, "omega": [0.2, 2.3], "f": 1.0}
     record = {"transient": 20, "periods": 10}
     view = View.of(load_config({"oscillator": oscillator, "record": record}))
-    page = page_of(view)
+    diagram = shown(view)
     for ordinate, marked in (("impact_v", [0.2]), ("poincare_x", [])):
-        seen = replace(page.view, ordinate=ordinate)
-        page.diagram._paint(page.diagram._draw(seen, seen.diagram(2), 40), 1.0)
-        source, item = page.diagram._strips[PARTIAL]
+        seen = replace(view, ordinate=ordinate)
+        diagram._paint(diagram._draw(seen, seen.diagram(2), 40), 1.0)
+        source, item = diagram._strips[PARTIAL]
         np.testing.assert_array_equal(source.data["x"], marked)
-        assert item.visible == page.diagram.legend.visible == bool(marked)
+        assert item.visible == diagram.legend.visible == bool(marked)
 
 
 def test_without_bokeh_the_extra_is_named(monkeypatch):

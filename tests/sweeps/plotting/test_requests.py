@@ -292,9 +292,10 @@ def test_every_command_draws_or_refuses_every_file(shape, blocks, unpainted):
         assert result.exit_code == 0 or result.stderr.count("\n") == 1
     drawn = set()
     with open_sweep("a.h5") as dataset:
+        sweep = OpenedSweep(dataset)
         for kind in KINDS:
             try:
-                KINDS[kind].draw(dataset).draw_without_rendering()
+                KINDS[kind].draw(sweep).draw_without_rendering()
                 drawn.add(kind)
             except Refused as refused:
                 assert "\n" not in str(refused)
