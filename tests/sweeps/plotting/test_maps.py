@@ -220,8 +220,6 @@ def test_of_equal_axes_the_later_is_the_abscissa_and_any_order_of_values_is_draw
     ("options", "message"),
     [
         ({"quantity": "period"}, "has no period: run the sweep again with record.diagnostics"),
-        ({"quantity": "energy_los"}, "no energy_los .did you mean energy_lost..; choose from: sta"),
-        ({"quantity": "poincare_x"}, "poincare_x is not a number for each point; choose from: "),
         ({"axes": ["R", "omega", "R"]}, "a map has 2 swept axes, not R, omega, R"),
         ({"at": {"R": 0.5}}, "R cannot be fixed here: all its values are used; there is no axis"),
         ({"coordinate": "impact_v"}, "chosen for bifurcation or attractors only, not for map"),
