@@ -284,10 +284,10 @@ def attractor_diagram(
     if len(values) > 100:
         labels.set_lim(panel.xaxis, values.min(), values.max())
     page.set_limits(panel, fit=True)
-    for look, dots, name, _ in series:
-        if canvas.is_in_view(dots):
-            (handle,) = panel.plot([], [], look.marker, color=look.dots, label=name)
-            handle.set(markersize=4.0, markeredgewidth=edge_of(look.marker))
+    for each in series:
+        if canvas.is_in_view(each.dots):
+            (handle,) = panel.plot([], [], each.look.marker, color=each.look.dots, label=each.name)
+            handle.set(markersize=4.0, markeredgewidth=edge_of(each.look.marker))
     masks = {}
     if page.marks and ORDINATES[coordinate].dimension == "impact":
         masks[PARTIAL] = line.transpose(axis).shows_part.ravel()
@@ -296,9 +296,10 @@ def attractor_diagram(
     record = labels.record_text(line, coordinate)
     figure = canvas.finish(panel, page, line, legend_title=title, record=record)
     if page.grey:
-        for look, dots, _, has_marker in series:
-            if has_marker:
-                mark_some(panel, np.asarray(dots.get_xydata()), look.marker, look.dots)
+        for each in series:
+            if looks.has_own(each.rows[0]) and each.rows[0].regime not in NO_CLASS:
+                points = np.asarray(each.dots.get_xydata())
+                mark_some(panel, points, each.look.marker, each.look.dots)
     return figure
 
 
@@ -311,6 +312,15 @@ def _starts_at_each(line: OpenedSweep) -> str:
     return labels.followed(line) if starts == 1 else f"{text}, {labels.followed(line)}"
 
 
+class _Series(NamedTuple):
+    """The attractors of a diagram with one look, the dots drawn of them, their name."""
+
+    rows: list[AttractorRow]
+    look: Look
+    dots: Line2D
+    name: str
+
+
 def _draw_rows(
     panel: Axes,
     line: OpenedSweep,
@@ -318,8 +328,8 @@ def _draw_rows(
     looks: Looks,
     axis: str,
     coordinate: str,
-) -> list[tuple[Look, Line2D, str, bool]]:
-    """Draw each attractor, periodic ones on top: looks, dots, names, if they have a marker."""
+) -> list[_Series]:
+    """Draw the record of each attractor, with the periodic ones on top."""
     series = looks.by_look(table)
     table = [row for rows in series for row in rows]
     values = records(line, coordinate, np.array([row.point for row in table]))
@@ -341,7 +351,6 @@ def _draw_rows(
         least, most, zorder = (0.8, 1.2, 2.0) if scattered else (1.5, 2.0, 3.0)
         size = marker_size(x, y, least, most)
         dots.set(markersize=size, markeredgewidth=0, zorder=zorder)
-        has_own = looks.has_own(first)
-        label = name if has_own else "other periodic attractors"
-        result.append((look, dots, label, has_own and first.regime not in NO_CLASS))
+        label = name if looks.has_own(first) else "other periodic attractors"
+        result.append(_Series(rows, look, dots, label))
     return result

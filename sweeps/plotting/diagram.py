@@ -105,9 +105,9 @@ def bifurcation(
         labels.label_axis(panel_below.yaxis, line[name], heading=True)
     record = labels.record_text(line, coordinate)
     low, high = motions.draw_points(panel)
-    branches = dict[str, list[Line2D]]()
+    branches, idle = dict[str, list[Line2D]](), list[Artist]()
     if exact is not None:
-        branches = motions.draw_exact(panel, exact, page.marks)
+        branches, idle = motions.draw_exact(panel, exact, page.marks)
         low, high = panel.dataLim.intervaly
     if len(motions.values) > 100:
         labels.set_lim(panel.xaxis, motions.values.min(), motions.values.max())
@@ -125,7 +125,7 @@ def bifurcation(
     motions.mark_points(panel, page.marks)
     handles = [handle for each in panels for handle in each.get_legend_handles_labels()[0]]
     handles, title = legend_entries(paint, panels, handles)
-    handles += [*jumps, *label_lines(branches), *measured]
+    handles += [*jumps, *label_lines(branches), *idle, *measured]
     figure = canvas.finish(panel, page, line, handles, title, record)
     if motions.dense:
         arguments = motions.values, motions.directions, coordinate, motions.colours, motions.rgba
@@ -228,14 +228,16 @@ class _Motions:
             draw_points(panel, x, y[where], colour, marker=marker, **props)
             self.dots += panel.lines[before:]
 
-    def draw_exact(self, panel: Axes, exact: xr.Dataset, marks: bool) -> dict[str, list[Line2D]]:
-        """Draw exact branches; return their lines by name, with a line that counts the others."""
+    def draw_exact(
+        self, panel: Axes, exact: xr.Dataset, marks: bool
+    ) -> tuple[dict[str, list[Line2D]], list[Artist]]:
+        """Draw exact branches; return their lines by name, and a handle that counts the others."""
         exact, idle = without_idle(exact, self.line)
         is_plain = len(self.directions) == 1 and self.rgba is None and not self.grey
         in_chaos = _within(self.chaos, self.values)
         branches = draw_branches(panel, exact, self.coordinate, is_plain, in_chaos, marks)
-        counted = {f"branches not drawn: {idle}": [Line2D([], [], linestyle="")]}
-        return branches | (counted if idle else {})
+        counted = Line2D([], [], linestyle="", label=f"branches not drawn: {idle}")
+        return branches, [counted] if idle else []
 
     def mark_cells(self, panels: Sequence[Axes], paint: Paint) -> Paint:
         """In grey, mark some points, of many the last; return the colours of all within limits."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Container, Iterator, Mapping, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
@@ -33,12 +33,20 @@ _OVER_COLOURS: dict[str, Any] = {"linewidth": 0.4}
 _THIN_BRANCHES: dict[str, Any] = {"linewidth": 0.3, "alpha": 0.5}
 
 
-def branch_pieces(
-    branches: xr.Dataset, coordinate: str
-) -> Iterator[tuple[str, np.ndarray, np.ndarray, bool, str]]:
-    """Yield the name, x (n,), y (n, k), thinness and class of each piece that a diagram shows."""
-    # Many branches that are stable over little of the axis would hide the others: their pieces are
-    # thin, and their bifurcations are not drawn.
+class BranchPiece(NamedTuple):
+    """A stable or unstable piece of a branch, or the bifurcations of one kind."""
+
+    name: str  # in the legend, out of ``LINES`` or ``MARKERS``
+    x: np.ndarray  # values of the axis, shape (n,)
+    y: np.ndarray  # values of the coordinate, shape (n, k), with NaN for no value
+    #: Whether its branch is stable over less than a hundredth of the axis, because many such
+    #: branches would hide the others; their bifurcations are not drawn.
+    thin: bool = False
+    orbit: str = ""  # class of the branch
+
+
+def branch_pieces(branches: xr.Dataset, coordinate: str) -> Iterator[BranchPiece]:
+    """Yield the pieces of `sweeps.branches` that a diagram of a coordinate shows."""
     from sweeps.bifurcation.exact_branches import wide_branches
 
     (axis,), wide = branches.coords, wide_branches(branches)
@@ -57,11 +65,11 @@ def branch_pieces(
         for start, stop, (steady, run) in runs(states):
             if run >= 0:
                 name, at = STABLE if steady else UNSTABLE, slice(start, stop + 1)
-                yield name, x[at], y[at], q > 0 and not is_wide, f"{m}/{q}"
+                yield BranchPiece(name, x[at], y[at], q > 0 and not is_wide, f"{m}/{q}")
     for kind in MARKERS:
         here = (branches["kind"].values == kind) & wide[branches["branch"].values]
         if here.any():
-            yield kind, branches[axis].values[here], values[here], False, ""
+            yield BranchPiece(kind, branches[axis].values[here], values[here])
 
 
 def without_idle(branches: xr.Dataset, line: OpenedSweep) -> tuple[xr.Dataset, int]:

@@ -292,8 +292,8 @@ class DecadeLocator(ticker.LogLocator):
         if len(many) < 2:
             steps = ticker.MaxNLocator(min(room, 9), steps=[1, 2, 2.5, 5, 10])
             return np.asarray(steps.tick_values(low, high)).tolist()
-        few = few[:: max(1, math.ceil(len(few) / room))]  # never less than two
-        if len(few) < 2:
+        few = few[:: max(1, math.ceil(len(few) / room))]
+        if len(few) < 2:  # there are never less than two
             few = (some if len(some) > 1 else many)[[0, -1]]
         return next((each for each in (many, some) if 1 < len(each) <= room), few).tolist()
 

@@ -246,7 +246,8 @@ def _draw_coloured(
 def _text_of_motions(
     motions: Sequence[coordinates.PointMotion], time: xr.DataArray, motion_class: Label | None
 ) -> tuple[str, str, str | None]:
-    """Write the start of a single motion, after how long all start, and the record if it is one."""
+    """Write the start of a single motion, after how long motions start, and instead of a record."""
+    # The last is None if the motions start after different times.
     turns = 2.0 * np.pi / np.array([motion.oscillator.omega for motion in motions])
     starts = np.array([motion.rows[0, 0] for motion in motions])
     starts += turns * [motion.turns for motion in motions]

@@ -241,7 +241,8 @@ def styled(
     draw: Callable[..., FigureT], panels: Collection[int] = (1,), marks: bool = False
 ) -> Callable[..., FigureT]:
     """Decorate a picture function: check its arguments, draw in the common style, document it."""
-    # `ax` has one of these numbers of `panels`; only with `marks` can a picture leave them out.
+    # The first parameter of the function must be the dataset; `ax` has one of these numbers of
+    # `panels`. Only with `marks` has the picture marks that can be left out.
     panel = "a panel" if max(panels) == 1 else f"{' or '.join(map(str, panels))} panels"
     of_panels = Allowed(
         lambda value: _are_panels(value, panels), f"{panel} of a figure, with two straight axes"
