@@ -78,9 +78,11 @@ def run_command(
             refuse_columns(config.columns)
         loaded.append(config)
     paths = common.targets(configs, output, [config.output for config in loaded])
-    for path in paths:
+    for source, path in zip(configs, paths, strict=True):
         check()
-        check_output(path, **existing)
+        of_source = output is None and not path.parent.is_dir()
+        with common.named(f"{source}: output") if of_source else nullcontext():
+            check_output(path, **existing)
     with client_of(dask, threads) as client:
         if dry_run:
             texts = [
