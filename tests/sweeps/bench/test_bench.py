@@ -80,7 +80,7 @@ def test_the_share_follows_from_rate_steps_and_peak(small):
 
 def test_copied_periods_are_not_computed():
     """The paper's dissipative case comes back to the same bits soon; it has 4 impacts a period."""
-    points = speed.points_over((0.5, 0.5, 1.0, 1.0, 1), 3)
+    points = speed.points_over(speed.OmegaRange(0.5, 0.5, 1.0, 1.0, 1), 3)
     done, steps = speed.effort_of(points, {}, 200, 100)
     assert 3 < done.periods < 3 * 60 and steps == 15
     assert done.impacts == 4 * done.periods
