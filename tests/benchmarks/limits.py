@@ -30,6 +30,7 @@ LIMITS = {
     "plain, rk4, all recorded": (5.12, 8.25),
     **{f"reduced-step, {integrator}": (5.8, 8.3) for integrator in _STEPPING},
     "reduced-step, exact": (8.8, 10.8),
+    # On another processor (Zen) 11.6, 9.0 to 11.1, 7.8 to 9.4, 7.6 to 8.3, 8.4 to 10.1, 9.5.
     "cubic, euler": (18.1, 23.2),
     "cubic, semi-implicit-euler": (17.0, 22.0),
     "cubic, verlet": (14.0, 17.5),

@@ -151,6 +151,7 @@ def refused_table(text):
         ("R,omega,a/b\n0.5,2,1\n", "unknown column a/b; expected"),
         ("R,R\n0.5,2\n", "column R is given twice; expected: once"),
         ('R,note\n0.5,a\n0.6,"b\n0.7,c\n', "row 2, column note: a quote is not closed; expected:"),
+        ('R,omega\n\n"0.5,2\n0.6,2\n', "row 1, column R: a quote is not closed"),
         ('R,"omega\n0.5,2\n', "a quote in the header is not closed"),
         ("R,note\n0.5,a\n0.5,b\0c\n", r"row 2, column note = b\x00c is not allowed"),
         ("R,omega\n", "the table has no row"),

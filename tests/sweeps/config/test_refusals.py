@@ -47,6 +47,7 @@ def test_refused_values(values, key, given, allowed):
         ("record: {phase: 6.2832}", "record.phase", "6.2832", "< 2 pi"),
         ("start: {phase: [0, 7]}", "start.phase", "[0, 7]", "a number >= 0 and < 2 pi"),
         ("record: {trajectory: true}", "record.trajectory", "true", "false, or {every: k}"),
+        ("record: {trajectory: {every: 0}}", "record.trajectory.every", "0", "an integer from 1"),
         ("record: 3", "record", "3", "a mapping with keys among transient, longest, periods"),
         ("method: {allow_unstable: 2}", "method.allow_unstable", "2", "true or false"),
         ("method:", "method", "(nothing)", "a mapping with keys among integrator"),

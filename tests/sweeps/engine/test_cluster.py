@@ -63,7 +63,7 @@ def on_write(monkeypatch, number, action):
 @pytest.mark.parametrize(
     "overrides",
     [
-        ["oscillator.f=[1, 2, 3]", "oscillator.omega.num=50"],  # scaled along f
+        ["oscillator.f=[1, 2, 3]", "oscillator.omega.num=300"],  # scaled along f
         ["oscillator={h: 0.05, f: 1.0}", "points={R: [0.8, 0.5, 0.7], omega: [2.4, 3.1, 2.6]}"],
         ["follow={axis: omega, direction: both}", "record.trajectory={every: 10}",
          "oscillator.omega.num=40"],

@@ -213,8 +213,8 @@ def test_the_expected_time_is_the_processor_time_of_all_periods(monkeypatch):
     """Not of the few that a trial takes, nor by a clock that runs while it waits."""
     sweep, spent = load(CONFIG, "record.transient=1e6", "oscillator.omega.num=60").sweep, [0.0]
 
-    def counted(spec, *_):
-        spent.append(spent[-1] + 1e-3 * (spec.transient + spec.periods))
+    def counted(spec, points, *_):
+        spent.append(spent[-1] + 1e-3 * (spec.transient + spec.periods) * len(points) / 60)
         return {}
 
     clocks = dict.fromkeys(("process_time", "thread_time"), lambda: spent[-1])

@@ -103,7 +103,7 @@ def test_a_knock_that_ends_beyond_the_limits_is_said_so(dataset, no_knocks, monk
     worst = "sweeps.attractor.knocks._Attractors.worst"
     monkeypatch.setattr(worst, lambda motions, home, limit: knock._replace(x=-1.0 - home))
     assert named() == [False, True]  # at x = -0.38 and 0.40, where no start is
-    assert named(xlim=(-3.0, -1.0)) == [True, True]
+    assert named(xlim=(-3.0, -1.0)) == named(xlim=(-3.0, -1.0), grey=True) == [True, True]
     assert named(xlim=(-0.5, -0.3)) == [False, True]  # where the first one ends, not begins
 
 

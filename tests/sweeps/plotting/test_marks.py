@@ -245,6 +245,7 @@ def colourful(figure):
     ("kind", "options"),
     [
         ("bifurcation", {"below": ["impacts_per_period"]}),
+        ("bifurcation", {"at": {"direction": "up"}}),
         ("section", {}),
         ("impacts", {"color": "impulse"}),
         ("trajectory", {}),

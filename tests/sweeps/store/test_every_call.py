@@ -234,7 +234,7 @@ def intruded(which, late, place, link, **options):
     return len(made) > which
 
 
-SOME = pytest.param(797, slice(None, None, 11), marks=pytest.mark.slow)
+SOME = pytest.param(797, slice(None, None, 7), marks=pytest.mark.slow)
 ALL = [pytest.param(1, slice(n, n + 1), marks=pytest.mark.campaign) for n in range(30)]
 
 
@@ -359,7 +359,7 @@ def moments(monkeypatch, tmp_path):
     return disk.moments
 
 
-@at_every(14)
+@at_every(9)
 def test_a_loss_of_power_costs_no_block_of_more_than_a_second_ago(moments, tmp_path, step):
     fill_blocks("whole.h5", plan=FOUR_BLOCKS)
     whole = data("whole.h5")
