@@ -16,6 +16,7 @@ from tests.helpers.kernel_cases import METHODS, assert_same, one, random_points,
 from vibroimpact import Oscillator, Status, integrate
 from vibroimpact.kernel import threads as run
 from vibroimpact.kernel.integrate import Length, run_points
+from vibroimpact.kernel.lane import loop_of
 from vibroimpact.kernel.workspace import LANES
 from vibroimpact.step.recorder import trace, trajectories
 from vibroimpact.step.scheme import scheme_of
@@ -85,6 +86,17 @@ def test_where_no_thread_can_be_started_the_caller_does_the_work(monkeypatch):
     found = integrate(points(256), transient=5, periods=5, threads=4)
     for name, values in found.items():
         np.testing.assert_array_equal(values, expected[name])
+
+
+def test_no_two_loops_have_one_name():
+    """Numba's own cache writes functions of one name to one index, without a lock."""
+    exact = {
+        loop_of(True, False, e, w).py_func.__name__ for e in (False, True) for w in (False, True)
+    }
+    steps = {
+        loop_of(False, p, False, w).py_func.__name__ for p in (False, True) for w in (False, True)
+    }
+    assert len(exact | steps) == 8 and min(exact) == "run_exact"
 
 
 def test_an_error_in_any_thread_is_raised(monkeypatch):

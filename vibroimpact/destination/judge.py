@@ -138,7 +138,7 @@ def put(destination, proof, m, q, x, v, multiplier, off):
 
 
 @jit
-def put_repetition(destination, proof, sections, m, off, multiplier, q):
+def put_repetition(destination, proof, sections, m, q, multiplier, off):
     """Write that a record repeats after m periods."""
     x, v = sections[sections.shape[0] - 1, 0], sections[sections.shape[0] - 1, 1]
     put(destination, proof, m, q, x, v, multiplier, off)
@@ -195,7 +195,7 @@ def judge_cycle(motion, destination):
         destination.evidence = _UNSTABLE
         return True
     q = sums.cycle_impacts * m // sums.cycle
-    put_repetition(destination, _REPEATS, sections, m, 0.0, math.nan, q)
+    put_repetition(destination, _REPEATS, sections, m, q, math.nan, 0.0)
     return True
 
 
@@ -258,11 +258,11 @@ def judge_exact_repetition(flow, motion, m, off, size, destination):
         return
     if off == 0.0:
         q, proof = sums.cycle_impacts * m // sums.cycle, _RELEASED if released else _REPEATS
-        put_repetition(destination, proof, sections, m, off, math.nan, q)
+        put_repetition(destination, proof, sections, m, q, math.nan, off)
     elif neutral or not smooth:
         q = replay(flow, y, w, m, True)[2]
         multiplier = 1.0 if neutral else 0.0
-        put_repetition(destination, _REPEATS, sections, m, off, multiplier, q)
+        put_repetition(destination, _REPEATS, sections, m, q, multiplier, off)
 
 
 @jit
@@ -273,7 +273,7 @@ def judge_repetition(flow, sections, m, size, destination):
     greatest, _ = greatest_multiplier(J)
     off = max(abs(dy), abs(dw))
     if q > 0 and greatest < _CLEARLY_STABLE and off <= TOLERANCE:
-        put_repetition(destination, _REPEATS, sections, m, off, greatest, q)
+        put_repetition(destination, _REPEATS, sections, m, q, greatest, off)
     else:
         judge(flow, y, w, m, size, destination)
 
@@ -338,4 +338,4 @@ def find_repetition(motion, destination):
             destination.evidence = _UNSTABLE
             return
     proof = _RELEASED if released else _REPEATS
-    put_repetition(destination, proof, sections, m, off, math.nan, q)
+    put_repetition(destination, proof, sections, m, q, math.nan, off)

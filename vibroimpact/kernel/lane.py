@@ -315,5 +315,9 @@ def loop_of(exactly: bool, plain: bool, exponents: bool, watching: bool) -> Any:
                         size -= 1
                         move_lane(workspace, size, i, exactly)
 
-    run.__name__ = run.__qualname__ = "run_exact" if exactly else "run_stepped"  # for watchers
+    # The name tells watchers the rule. Each loop has its own: numba's cache keeps functions of one
+    # name in one index, which two processes may write at once.
+    name = "run_exact" if exactly else "run_plain" if plain else "run_shortened"
+    name += "_with_exponents" * exponents + "_with_extremes" * watching
+    run.__name__ = run.__qualname__ = name
     return jit(run)

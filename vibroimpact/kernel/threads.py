@@ -115,7 +115,8 @@ def run_on_threads(threads: int, job: KernelJob) -> None:
     """Run every point, on `threads` threads or as many as have lanes."""
     rule = job.scheme.method[0]
     columns = _COLUMNS.get(rule, REDUCED_STEP_COLUMNS)
-    loop = loop_of(rule == EXACT, rule == PLAIN, job.lyapunov, job.record.extremes.size > 0)
+    constants = {"exactly": rule == EXACT, "plain": rule == PLAIN, "exponents": job.lyapunov}
+    loop = loop_of(**constants, watching=job.record.extremes.size > 0)
     work = compiled(loop, _typical_workspace(), job)
     # To start a thread takes longer than a few lanes.
     threads = min(threads, max(1, -(-job.points.size // job.lanes)))

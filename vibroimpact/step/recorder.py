@@ -182,11 +182,12 @@ def _logged(
 ) -> tuple[list[np.ndarray], TraceJob]:
     """Log motions; return their logs, of shape (columns, rows) each, and the job that logged them.
 
-    An `excerpt` is from `periods` to `most_rows` of a job; `events` are as of `trajectories`.
+    An `excerpt` is periods, first section of each point, every and most rows of a job; `events` are
+    as of `trajectories`.
     """
     n, run = points.size, _loop_of(scheme.method[0] == EXACT)
     interrupt = np.zeros(1, np.int64) if interrupt is None else interrupt
-    periods, _, every, _ = excerpt
+    periods, first, every, most = excerpt
     rows = np.full(n, 4 * periods) if events is None else np.ceil(events).astype(np.int64)
     rows = 2 * rows + periods * scheme.grid.size // every + 1
     room = np.zeros(n, np.int64)
@@ -197,7 +198,8 @@ def _logged(
         logs = np.empty((columns, starts[-1]))  # memory that is not written is not taken
         outcomes, claimed = np.zeros((n, 2), np.int64), np.zeros(1, np.int64)
         pairs = np.empty((n, 2))
-        job = TraceJob(points, scheme, *excerpt, logs, starts, outcomes, pairs, claimed, interrupt)
+        shares = logs, starts, outcomes, pairs, claimed, interrupt
+        job = TraceJob(points, scheme, periods, first, every, most, *shares)
         on_threads(threads, interrupt, compiled(run, job), job)
         rows = job.outcomes[:, 0]
     return [job.logs[:, starts[i] : starts[i] + rows[i]] for i in range(n)], job
