@@ -9,6 +9,7 @@ from sweeps.opened.opened_sweep import OpenedSweep
 from tests.helpers import naive
 from tests.helpers.commands import accepted
 from tests.helpers.sweep_files import swept
+from vibroimpact import integrate
 from vibroimpact.points.regimes import Label, Regime, is_chaotic, labels_of
 from vibroimpact.status import Evidence, Status
 
@@ -96,6 +97,16 @@ def slow_period(omega):
 
 
 @pytest.mark.slow
+def test_the_state_of_a_motion_is_that_of_its_orbit_at_the_section():
+    """Not at the phase of the start: from there, other attractors are linked along an axis."""
+    start = "start: {x0: -1.5, phase: 0}\nrecord: {transient: 400, periods: 32, phase: 4}\n"
+    oscillator = "oscillator: {h: 0.05, R: 0.8, omega: [2.4, 2.6], f: 1.0}\n"
+    motions = OpenedSweep(swept(oscillator + start)).motions
+    sections = integrate(motions["point"], transient=1, periods=4, phase=4.0)["poincare_x"]
+    assert motions["m"].tolist() == motions["q"].tolist() == [1, 1]
+    np.testing.assert_allclose(sections[:, 1], motions["point"]["x0"], rtol=1e-9)
+
+
 def test_a_rest_is_named_after_its_periods():
     """The motions start on the stop."""
     assert [slow_period(omega) for omega in PRELOADED["omega"]] == [1, 3, 6]
