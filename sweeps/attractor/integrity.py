@@ -169,5 +169,7 @@ def refuse_unfit(sweep: OpenedSweep) -> None:
         )
     for name in ("x0", "v0"):
         steps = np.diff(np.sort(sweep[name].values))
-        if not len(steps) or np.ptp(steps) > _EVEN * steps.max():
+        if not len(steps):
+            raise Refused(f"integrity needs two or more values of {name}; the file has one")
+        if np.ptp(steps) > _EVEN * steps.max():
             raise Refused(f"the values of {name} are not evenly spaced; expected: start, stop, num")

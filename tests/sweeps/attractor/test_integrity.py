@@ -307,6 +307,7 @@ def motion(dataset, x, v):
     ("override", "message"),
     [
         ("start.x0=0", "integrity needs x0 and v0 as axes; the file has omega, v0"),
+        ("start.x0=[-1]", "integrity needs two or more values of x0; the file has one"),
         ("start.x0=[-3, -1, 0]", "the values of x0 are not evenly spaced"),
         ("record.phase=0.5", "the starts are at omega t = 0, and the section is at 0.5"),
         ("start.phase=0.5", "again with record.phase: 0.5"),

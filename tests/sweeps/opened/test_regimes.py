@@ -5,6 +5,7 @@ import xarray as xr
 from sweeps import bifurcations
 from sweeps.bifurcation.bifurcation_report import cascades
 from sweeps.bifurcation.bifurcation_table import Change, changes_of_class
+from sweeps.opened.motions import run_on
 from sweeps.opened.opened_sweep import OpenedSweep
 from tests.helpers import naive
 from tests.helpers.commands import accepted
@@ -98,13 +99,20 @@ def slow_period(omega):
 
 @pytest.mark.slow
 def test_the_state_of_a_motion_is_that_of_its_orbit_at_the_section():
-    """Not at the phase of the start: from there, other attractors are linked along an axis."""
+    """Not at the phase of the start: from there, other attractors are linked along an axis.
+
+    From there `run_on` continues it, whatever the phase of its point.
+    """
     start = "start: {x0: -1.5, phase: 0}\nrecord: {transient: 400, periods: 32, phase: 4}\n"
     oscillator = "oscillator: {h: 0.05, R: 0.8, omega: [2.4, 2.6], f: 1.0}\n"
-    motions = OpenedSweep(swept(oscillator + start)).motions
+    sweep = OpenedSweep(swept(oscillator + start))
+    motions = sweep.motions
     sections = integrate(motions["point"], transient=1, periods=4, phase=4.0)["poincare_x"]
     assert motions["m"].tolist() == motions["q"].tolist() == [1, 1]
     np.testing.assert_allclose(sections[:, 1], motions["point"]["x0"], rtol=1e-9)
+    motions["point"]["phase"] = 0.0
+    sections, _ = run_on(sweep.spec, motions["point"], 2)
+    np.testing.assert_allclose(sections[:, 1, 0], motions["point"]["x0"], rtol=1e-9)
 
 
 def test_a_rest_is_named_after_its_periods():
