@@ -70,6 +70,8 @@ def test_the_motions_of_a_ball_on_a_table_are_told_apart():
     assert len(set(classes)) == 4
     expected = [sorted(set(classes)).index(each) for each in classes]
     assert partition(attractors(ds)["attractor"]) == partition(expected)
+    of_one_class = given_sections([cycle((-1e8 - 1.0, 0.1)), cycle((-1e8 - 2.0, 0.1))], 1)
+    assert attractors(of_one_class.assign_coords(clearance=-1e8))["attractors"].item() == 2
 
 
 def test_states_on_their_way_to_one_motion_are_chained():
