@@ -85,7 +85,7 @@ def settle(
         periods = 3 * length * 4**i + _CLASS_PERIODS
         planned += periods * going.size
         if not going.size or planned > MOST_CONTINUED:
-            left_out = (extensions - i) * bool(going.size)
+            left_out = extensions - i if going.size else 0
             break
         continued[going] = True
         motions[going], state[going], rested = _continue(sweep.spec, state[going], periods)

@@ -184,8 +184,8 @@ def _columns(
         columns = {}
     shapes = {column.shape for column in columns.values()}
     if len(shapes) != 1 or len(*shapes) != 1:
-        given = ", ".join(f"{name} of length {column.size}" for name, column in columns.items())
-        raise ValueError(f"the columns must be lists of equal length{given and '; given: '}{given}")
+        sizes = ", ".join(f"{name} of length {column.size}" for name, column in columns.items())
+        raise ValueError(f"the columns must be lists of equal length{sizes and '; given: '}{sizes}")
     return columns, parameters
 
 

@@ -143,7 +143,7 @@ def _spread(panel: Axes, x: np.ndarray, where: np.ndarray) -> tuple[np.ndarray, 
 
 
 def nearest_distances(values: np.ndarray, others: np.ndarray, size: float) -> np.ndarray:
-    """Return how far the nearest other in its row is from each value, at most 2 times `size`."""
+    """Return the distance of each value from the nearest other in its row, in `size`, up to 2."""
     # The arrays have the shapes (n, k) and (n, l), with NaN for no value, as the result, shape (n,
     # k). The distance is 2 if there are no others in the row.
     row = 5.0 * np.arange(len(values))[:, None]  # more than any distance

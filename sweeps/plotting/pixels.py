@@ -60,7 +60,7 @@ def runs(values: Iterable[Any]) -> Iterator[tuple[int, int, Any]]:
 def pixels_of(
     columns: np.ndarray, values: np.ndarray, rows: int, low: float, high: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the index in `columns`, (k,), of each value, (k, width), in view, and its pixel."""
+    """Return the row of each of the `values` (k, width) that is in view, and its pixel."""
     # The `columns` of the points are all within the panel; `values` have NaN for missing ones. The
     # ordinate ranges from `low` to `high`. The pixels are numbered column by column.
     scaled = np.floor((values - low) * (rows / (high - low)))
