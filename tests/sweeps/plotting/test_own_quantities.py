@@ -288,7 +288,7 @@ def test_what_motions_share_is_said_and_what_cannot_be_told_apart_refused(datase
     figure = trajectory(dataset, color="period", at={"R": 0.8}, periods=20)
     assert "after 208 forcing periods, 130 of 260 periods" in figure.get_suptitle()
     t = figure.axes[0].lines[0].get_xdata()
-    assert t[-1] == pytest.approx(19 * 2.0 * np.pi / 2.2, rel=0.06) and np.isnan(t).any()
+    assert t[-1] == pytest.approx(20 * 2.0 * np.pi / 2.2) and np.isnan(t).any()
     with pytest.raises(Refused, match="tells several motions apart, and only one point is left"):
         trajectory(dataset, color="period", at={"R": 0.8, "omega": 2.8})
     monkeypatch.setattr("sweeps.plotting.motion_pictures._MOST_MOTIONS", 25)
